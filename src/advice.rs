@@ -17,7 +17,8 @@
 
 pub use mesa_wire::bus::advice::*;
 pub use mesa_wire::lbp::advice::*;
-pub use mesa_wire::{Advice, AdviceTopic, MesaError, WithAdvice};
+pub use mesa_wire::lbp16::advice::*;
+pub use mesa_wire::{Advice, AdviceTopic, MesaError, WithAdvice, advice_texts};
 
 // In groups: pins, parameters of remotes, settings, modules, firmware, start and cycle, cards, the
 // serial line of a remote, its tables, the board's memory, threads.
@@ -81,6 +82,7 @@ mesa_wire::advice_texts! {
     LOAD_NEWER_FIRMWARE: Firmware, "load a newer firmware if a remote is missing or fails";
 
     CHECK_SUPPLY: Board, "check the board's supply, and that no other program drives it; then start again";
+    CHECK_BOARD_POWER: Board, "check the power of the board, and that its FPGA has its firmware";
     CHECK_LINK: Board, "look at the board's link, then try again";
     REARM_FIRST: Rearm, "call `Driver::rearm` first";
     REARM: Rearm, "call `Driver::rearm`";
@@ -163,9 +165,10 @@ mesa_wire::advice_texts! {
 
 /// All advice: that of the driver in the order of the declaration, then that of buses and remotes.
 pub fn all() -> impl Iterator<Item = Advice> {
-    let of_wire = mesa_wire::bus::advice::ALL
+    let of_wire = mesa_wire::lbp::advice::ALL
         .iter()
-        .chain(mesa_wire::lbp::advice::ALL);
+        .chain(mesa_wire::lbp16::advice::ALL);
+    let of_wire = mesa_wire::bus::advice::ALL.iter().chain(of_wire);
     ALL.iter().chain(of_wire).copied()
 }
 

@@ -82,7 +82,7 @@ pub trait CardHandles: Sized {
 #[non_exhaustive]
 pub enum AttachError {
     /// The firmware is for another board.
-    #[error("this is a {found}, and a {expected} was asked for")]
+    #[error("the board is a {found}, expected a {expected}")]
     OtherBoard {
         /// The requested board.
         expected: &'static str,
@@ -93,7 +93,7 @@ pub enum AttachError {
     #[error(transparent)]
     Module(#[from] HostMot2Error),
     /// No remote takes part on this channel.
-    #[error("no remote takes part on {remote}, where a {expected} was asked for")]
+    #[error("{remote}: no {expected} takes part")]
     NoRemote {
         /// The address of the remote.
         remote: RemoteId,
@@ -110,7 +110,7 @@ pub enum AttachError {
     },
     /// No connector of the board with this channel has the pins of the card.
     #[error(
-        "{remote} is not the first one of a connector with the pins of a \
+        "{remote} is not the first channel of a connector with the pins of a \
          {expected}"
     )]
     NoConnector {
@@ -132,7 +132,7 @@ pub enum AttachError {
         why: String,
     },
     /// A pin that this kind of board or remote should have is missing, or is of another kind.
-    #[error("{name}: {source}; a {kind} has it")]
+    #[error("{name}: {source}, expected on a {kind}")]
     Pin {
         /// Name of the pin, or its beginning.
         name: String,

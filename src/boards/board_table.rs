@@ -20,8 +20,9 @@ impl BoardTable {
         flash: None,
     };
 
-    /// The 7I92: two connectors, P2 before P1 (FACTS 9.3). Its multiplexed encoders are those of a 7I77,
-    /// and run at the rate for which that is designed: manual 7I77, "MAXIMUM ENCODER COUNT RATE".
+    /// The 7I92: two connectors, P2 before P1 (FACTS 9.3). Its multiplexed encoders are those of a
+    /// 7I77, and run at the rate for which that is designed: manual 7I77, "MAXIMUM ENCODER COUNT
+    /// RATE".
     pub const I7I92: Self = Self {
         name: "7I92",
         encoder_rate: Some(TickRate::MUX_7I77),

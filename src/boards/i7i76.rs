@@ -1,8 +1,8 @@
-//! The terminals of the 7I76's step generators. Its field I/O is a remote, which names its own pins; the
-//! terminals of those and of its encoder are not known.
+//! The terminals of the 7I76's step generators. Its field I/O is a remote, which names its own
+//! pins; the terminals of those and of its encoder are not known.
 //!
-//! Source: a published wiring of a 7I76E, which has the same terminal blocks; that of generator 4 is not
-//! confirmed, and follows their pattern. The pins are those of Mesa's firmware.
+//! Source: a published wiring of a 7I76E, which has the same terminal blocks; that of generator 4
+//! is not confirmed, and follows their pattern. The pins are those of Mesa's firmware.
 
 use super::CardTable;
 use crate::hal::Terminals;

@@ -6,7 +6,7 @@ use crate::advice::{Advice, MesaError};
 
 /// A remote that differs from the requested one.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{actual}, and {expected} was expected")]
+#[error("{actual}, expected {expected}")]
 #[non_exhaustive]
 pub struct IdentityError {
     /// The actual remote.

@@ -67,9 +67,9 @@ impl DataRecord {
             && self.is_readable()
     }
 
-    /// True if it is a value of a size that an access can have. Pads are none, nor are bits, counters
-    /// and streams: a card lists the process data of its other software modes with its parameters.
-    /// As in LinuxCNC.
+    /// True if it is a value of a size that an access can have. Pads are none, nor are bits,
+    /// counters and streams: a card lists the process data of its other software modes with its
+    /// parameters. As in LinuxCNC.
     pub fn is_readable(&self) -> bool {
         let is_value = !matches!(
             self.data_type,
@@ -91,8 +91,8 @@ pub(crate) fn hal_name(name: &str) -> String {
     small.map(in_hal).collect()
 }
 
-/// The name of a card in HAL spelling: `7i77` for `7I77`, and `TsHW` for `TsHW`. As in LinuxCNC the second
-/// letter is small, and the others are as the card has them.
+/// The name of a card in HAL spelling: `7i77` for `7I77`, and `TsHW` for `TsHW`. As in LinuxCNC the
+/// second letter is small, and the others are as the card has them.
 pub(crate) fn hal_card_name(name: &str) -> String {
     let letters = name.chars().enumerate().map(|(at, c)| match at {
         1 => c.to_ascii_lowercase(),

@@ -71,8 +71,7 @@ pub enum ProblemKind {
     },
     /// Too many reads were needed, or too many of them failed.
     #[error(
-        "discovery gave up after {accesses} accesses; the remote's tables are damaged, or its \
-         cable is"
+        "discovery was stopped after {accesses} accesses: the remote's tables or its cable are damaged"
     )]
     GaveUp {
         /// Number of accesses until then.
@@ -80,12 +79,12 @@ pub enum ProblemKind {
     },
     /// The remote has no tables, and this crate has no table for its name.
     #[error(
-        "the remote is not supported: it has no discovery, and there is no table of all its process \
-         data, with finite limits"
+        "the remote is not supported: it has no discovery, and no complete table of its process data is \
+         known"
     )]
     NoTables,
     /// The remote reports only its name, and this crate has no table for that.
-    #[error("the remote waits in its bootloader, without a whole program")]
+    #[error("the remote is in its bootloader, without a complete program")]
     InBootloader,
     /// The remote does not have the requested software mode, and is in another one.
     #[error(
@@ -127,7 +126,7 @@ pub enum ProblemKind {
         limit: u32,
     },
     /// A table has no end within the limits.
-    #[error("the table has no end within {entries} entries; the remote's firmware is damaged")]
+    #[error("the table has no end within {entries} entries")]
     TableWithoutEnd {
         /// Number of entries until then.
         entries: u16,
@@ -202,7 +201,7 @@ impl ProblemKind {
 
 fn list(modes: &[u8]) -> String {
     if modes.is_empty() {
-        return "it tells of none".into();
+        return "it lists none".into();
     }
     let mut modes = modes.to_vec();
     modes.sort_unstable();

@@ -72,8 +72,8 @@ impl Discovery {
         self.problems.push(problem);
     }
 
-    /// Notes a name of two elements of the process data, or of two parameters, unless the process data
-    /// is doubtful already.
+    /// Notes a name of two elements of the process data, or of two parameters, unless the process
+    /// data is doubtful already.
     fn check_names(&mut self) {
         if self.plan.is_err() {
             return;

@@ -35,13 +35,13 @@ pub enum DriverError {
     #[error(transparent)]
     Port(PortError),
     /// The board was reset, or lost its power, during the start. It drives nothing.
-    #[error("the board was reset, or lost power, while {during}, and drives nothing")]
+    #[error("the board was reset or lost power while {during}: it drives nothing")]
     Unsteady {
         /// The step of the start.
         during: &'static str,
     },
     /// A serial port was configured that the firmware does not have.
-    #[error("there is no serial port {port}: this firmware has {ports}")]
+    #[error("serial port {port} does not exist: this firmware has {ports}")]
     NoSuchPort {
         /// The port.
         port: u8,
@@ -104,7 +104,7 @@ pub enum DriverError {
     },
     /// The period is shorter than the transfers in it.
     #[error(
-        "port {port} needs up to {} for a transfer, and the period is {}",
+        "port {port}: a transfer takes up to {}, and the period is {}",
         Rounded(.needed),
         Rounded(.period)
     )]
@@ -119,22 +119,22 @@ pub enum DriverError {
     /// The board did not confirm that its outputs are off, so that its watchdog was not set to the
     /// time that the call needs. Everything is safe until it is re-armed.
     #[error(
-        "the board does not confirm that its outputs are off, because writes are lost; nothing else was \
-         done, and everything is safe until re-armed"
+        "the board does not confirm that its outputs are off, because writes are lost: all outputs stay \
+         off until re-armed, and nothing else was done"
     )]
     NotConfirmed,
     /// A remote did not answer after it had been left without process data, so that nothing is
     /// known of its watchdog. Everything is safe until it is re-armed.
     #[error(
-        "{remote} did not answer after it had been left alone, so that its watchdog is not known to bite; \
-         everything is safe until re-armed"
+        "{remote}: no reply after a time without process data, so that its watchdog is not known to \
+         have bitten: all outputs stay off until re-armed"
     )]
     NotHeard {
         /// The remote.
         remote: RemoteId,
     },
     /// The board is not set up, so that its serial lines are not connected.
-    #[error("{state}, and no remote can be reached")]
+    #[error("{state}: no remote can be reached")]
     NotRunning {
         /// The state of the board.
         state: BoardState,
@@ -219,7 +219,7 @@ impl From<PortError> for DriverError {
 #[non_exhaustive]
 pub enum CycleError {
     /// The read failed: no input was taken.
-    #[error("read, failure {consecutive} in a row: {source}")]
+    #[error("failed read, {consecutive} in a row: {source}")]
     Read {
         /// The error of the bus.
         source: BusError,
@@ -227,7 +227,7 @@ pub enum CycleError {
         consecutive: u32,
     },
     /// The write failed, or may have.
-    #[error("write, failure {consecutive} in a row: {source}")]
+    #[error("failed write, {consecutive} in a row: {source}")]
     Write {
         /// The error of the bus.
         source: BusError,
@@ -236,8 +236,8 @@ pub enum CycleError {
     },
     /// The words that were read are not from a HostMot2 board: no input was taken.
     #[error(
-        "address 0x0100 reads {found:#010X}, expected 0x55AACAFE (failure {consecutive} in a row): \
-         the board has lost its firmware or its power"
+        "no HostMot2 board: address 0x0100 reads {found:#010X}, expected 0x55AACAFE ({consecutive} failed \
+         reads in a row)"
     )]
     NotThere {
         /// The word in place of the cookie.
@@ -247,9 +247,7 @@ pub enum CycleError {
     },
     /// Another board, or another firmware, answers than at the driver's start. It did not get this
     /// driver's set-up.
-    #[error(
-        "another board, or another firmware, answers than this driver was started with, and gets none of its set-up"
-    )]
+    #[error("another board or another firmware answers than at the start: it is not set up")]
     OtherFirmware,
 }
 
@@ -268,7 +266,7 @@ impl MesaError for CycleError {
     fn advice(&self) -> Option<Advice> {
         match self {
             Self::Read { source, .. } | Self::Write { source, .. } => source.advice(),
-            Self::NotThere { .. } => None,
+            Self::NotThere { .. } => Some(advice::CHECK_BOARD_POWER),
             Self::OtherFirmware => Some(advice::START_ANEW),
         }
     }

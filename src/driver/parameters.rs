@@ -11,7 +11,7 @@ use crate::lbp::{RemoteAccess, RemoteLinkErrorKind};
 use crate::modules::serial::WATCHDOG_PARAMETER;
 use crate::modules::watchdog::WatchdogRegisters;
 use crate::remote::{ParameterError, ParameterValue, RemotePins};
-use crate::sslbp::{Port, PortError, PortLink, StartMode, StartedRemote};
+use crate::sslbp::{Port, PortLink, StartMode, StartedRemote};
 
 /// Time of the board's watchdog while it is not fed: longer than all steps together, including
 /// repeated accesses.

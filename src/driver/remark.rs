@@ -51,8 +51,8 @@ pub enum RemarkKind {
     WrongRemote(IdentityError),
     /// Another remote answers than in discovery, when a parameter is to be written.
     #[error(
-        "the remote that answers ({found}) is not the {name} that was discovered, or describes itself \
-         differently; no parameter was written"
+        "{found} answers, expected the {name} of discovery with the same description; no parameter was \
+         written"
     )]
     Changed {
         /// Name of the discovered remote.
@@ -62,7 +62,7 @@ pub enum RemarkKind {
     },
     /// The remote was found, and does not run at the start: its pins are there, not valid, and it is
     /// tried again, as one that goes offline later.
-    #[error("this {name} is offline: {reason}")]
+    #[error("{name} offline: {reason}")]
     Offline {
         /// Name of the remote.
         name: RemoteName,
@@ -79,10 +79,7 @@ pub enum RemarkKind {
     /// The remote's description differs from the built-in table of its kind. Its own description
     /// takes precedence (FACTS 8.5); terminals and ranges of the card's manual may not be true for
     /// it.
-    #[error(
-        "this {name} differs from the {title} that is known: {difference}. The remote's own \
-         description is used"
-    )]
+    #[error("this {name} differs from the {title}: {difference}; its own description is used")]
     Table {
         /// Name of the remote.
         name: RemoteName,
@@ -94,13 +91,15 @@ pub enum RemarkKind {
     /// The analog part of a 7I77, with the field I/O on the next channel: on the card's connector
     /// the field I/O comes first (FACTS 8.1).
     #[error(
-        "this is the analog part of a 7I77, and the field I/O is on the next channel; a card's \
-         connector has them the other way round"
+        "the analog part of a 7I77 is on this channel and its field I/O on the next one, expected in the \
+         other order"
     )]
     Swapped,
     /// Missing: one part of a 7I77 does not answer, and the other one on a neighbouring channel
     /// does.
-    #[error("no {part} answers, but the {other} on channel {beside} does, and a 7I77 has both")]
+    #[error(
+        "no reply from the {part}, although the {other} on channel {beside} of the same 7I77 answers"
+    )]
     PartSilent {
         /// The part that does not answer.
         part: &'static str,
@@ -112,7 +111,7 @@ pub enum RemarkKind {
     /// The remote's own watchdog is off, or [slow](RemoteWatchdog::is_slow): its outputs stay on
     /// when it cannot be reached any more.
     #[error(
-        "when nothing reaches this {name} any more, its outputs {}",
+        "without process data the outputs of this {name} {}",
         match .watchdog.time() {
             Some(time) => alloc::format!("stay on for {}", crate::Rounded(&time)),
             None => "stay on for ever, because its own watchdog is off".into(),
@@ -144,8 +143,8 @@ pub enum RemarkKind {
     /// A remote with the name of a card whose parts differ in the unit number, and with a unit
     /// number of no known part: it has no terminals and no safe values of its own.
     #[error(
-        "a {name} with unit number {unit_number:#010x}, which belongs to no part of the card that is \
-         known; its pins are made from its own description alone"
+        "{name} with unit number {unit_number:#010x}, which no known part of the card has; its pins are \
+         made from its own description"
     )]
     UnknownPart {
         /// Name of the remote.

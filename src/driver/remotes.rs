@@ -19,8 +19,8 @@ use crate::modules::RegisterError;
 use crate::modules::serial::{RemotePart, StartedPort};
 use crate::remote::{ParameterError, RemotePins};
 use crate::sslbp::{
-    Channel, CsStatus, MAX_CHANNELS, Port, PortError, PortLayout, PortLink, PortPlace,
-    ProcessDataSizes, StartMode, StartedRemote,
+    Channel, CsStatus, MAX_CHANNELS, Port, PortLayout, PortLink, PortPlace, ProcessDataSizes,
+    StartMode, StartedRemote,
 };
 
 /// The table for an absent remote of unknown kind.

@@ -42,10 +42,7 @@ pub enum EthernetError {
         found: u16,
     },
     /// The board has not restarted.
-    #[error(
-        "the board has not restarted: it counted {before} packets before and {after} now; the command \
-         was lost on its way"
-    )]
+    #[error("the board has not restarted: it counted {before} packets before and {after} now")]
     NotRestarted {
         /// UDP packets before the command.
         before: u16,
@@ -66,7 +63,7 @@ pub enum EthernetError {
     #[error(transparent)]
     Bitfile(#[from] BitfileError),
     /// The board or its flash chip is not the one that the layout is for.
-    #[error("this is {found}, and the layout is that of {expected}")]
+    #[error("the board is {found}, the layout is that of {expected}")]
     WrongBoard {
         /// Name or flash id of the board that answers.
         found: String,
@@ -83,7 +80,7 @@ pub enum EthernetError {
     },
     /// The boot block is not the one for this memory. mesaflash refuses to write or verify then.
     #[error(
-        "the boot block is not the one for this memory: at 0x{address:06X} is 0x{found:02X}, expected \
+        "the boot block is not the one for this memory: 0x{address:06X} reads 0x{found:02X}, expected \
          0x{expected:02X}; the FPGA may not load the configuration"
     )]
     OtherBootBlock {
@@ -96,7 +93,7 @@ pub enum EthernetError {
     },
     /// No fallback is present, so that the user configuration is all that the FPGA can load.
     #[error(
-        "there is no fallback at 0x{address:06X}: if writing the user configuration fails now, only a \
+        "no fallback at 0x{address:06X}: if writing the user configuration fails now, only a \
          JTAG programmer helps"
     )]
     NoFallback {
@@ -105,7 +102,7 @@ pub enum EthernetError {
     },
     /// No user configuration is present, so that the fallback is all that the FPGA can load.
     #[error(
-        "there is no user configuration at 0x{address:06X}: if writing the fallback fails now, only a \
+        "no user configuration at 0x{address:06X}: if writing the fallback fails now, only a \
          JTAG programmer helps"
     )]
     NoUserConfiguration {
@@ -146,7 +143,7 @@ pub enum EthernetError {
         waited: Duration,
     },
     /// A byte read back is not as expected.
-    #[error("at 0x{address:06X} is 0x{found:02X}, expected 0x{expected:02X}")]
+    #[error("0x{address:06X} reads 0x{found:02X}, expected 0x{expected:02X}")]
     Differs {
         /// Address of the byte.
         address: u32,
@@ -161,7 +158,7 @@ impl MesaError for EthernetError {
     fn advice(&self) -> Option<Advice> {
         Some(match self {
             Self::Bus(error) => return error.advice(),
-            Self::Lbp16(_) => return None,
+            Self::Lbp16(error) => return error.advice(),
             Self::Firmware { .. } => advice::UPDATE_BOARD,
             Self::NotKept { .. } | Self::ChipSilent { .. } => advice::TRY_AGAIN_THEN_UPDATE,
             Self::NotRestarted { .. } | Self::ChipBusy { .. } => advice::TRY_AGAIN,

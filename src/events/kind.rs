@@ -78,8 +78,8 @@ macro_rules! event_kinds {
                 }
             }
 
-            /// True if outputs became safe with the event, until they are re-armed: what an operator
-            /// has to know at once. Other [faults](Self::is_fault) are warnings.
+            /// True if outputs became safe with the event, until they are re-armed: what an
+            /// operator has to know at once. Other [faults](Self::is_fault) are warnings.
             pub const fn makes_safe(&self) -> bool {
                 EventMask::OUTPUTS_SAFE.intersects(self.mask())
             }
@@ -199,7 +199,7 @@ pub enum EventKind {
          all outputs stay off"; then Some(advice::START_ANEW)]
     OtherFirmware,
     /// [`Driver::rearm`](crate::driver::Driver::rearm) let outputs follow the application again.
-    [REARMED = 10, recovery; "re-armed: outputs of {armed} groups follow again{}", Waiting(*waiting)]
+    [REARMED = 10, recovery; "re-armed: groups that follow again: {armed}{}", Waiting(*waiting)]
     Rearmed {
         /// Groups that were armed.
         armed: u32,
@@ -298,8 +298,8 @@ pub enum EventKind {
         /// Index in [`RemotePins::parameters`](crate::remote::RemotePins::parameters).
         parameter: u32,
     },
-    /// A step generator is asked for a higher rate than it may have, by its parameters or because of
-    /// the times of its pulses. Reported once for each change of its parameters.
+    /// A step generator is asked for a higher rate than it may have, by its parameters or because
+    /// of the times of its pulses. Reported once for each change of its parameters.
     [STEP_RATE_LIMITED = 25, fault; "step generator {generator}: {asked} steps/s commanded, its limit is {limit} steps/s"; then Some(advice::CHECK_STEP_RATE)]
     StepRateLimited {
         /// The number of the generator.
@@ -320,9 +320,9 @@ pub enum EventKind {
         /// The longest time, in ns.
         longest: u32,
     },
-    /// The pulses of a step generator are so long that its register of the hold time, which includes
-    /// the pulse, has no room for `dirhold`. Reported once for each change of the times, when the
-    /// generator is enabled.
+    /// The pulses of a step generator are so long that its register of the hold time, which
+    /// includes the pulse, has no room for `dirhold`. Reported once for each change of the times,
+    /// when the generator is enabled.
     [STEP_HOLD_SHORT = 27, fault; "step generator {generator}: the direction can change {left} ns after a pulse, dirhold is {asked} ns"; then Some(advice::CHECK_STEP_HOLD)]
     StepHoldShort {
         /// The number of the generator.
@@ -332,8 +332,8 @@ pub enum EventKind {
         /// The time from the end of a pulse to a change of the direction, in ns.
         left: u32,
     },
-    /// The accumulator of a step generator stands still although it has a rate, so that its position is
-    /// not known: it is stopped until it has been disabled and enabled again.
+    /// The accumulator of a step generator stands still although it has a rate, so that its
+    /// position is not known: it is stopped until it has been disabled and enabled again.
     [STEPGEN_STANDS = 28, fault; "step generator {generator}: stopped, because its accumulator does not move at {rate} steps/s"; then Some(advice::CHECK_STEP_TIMER)]
     StepgenStands {
         /// The number of the generator.
@@ -341,8 +341,8 @@ pub enum EventKind {
         /// Its rate in steps per second.
         rate: u32,
     },
-    /// A parameter or pin was set to a value that the hardware cannot have, and another one is in use:
-    /// the parameter has that one. A pin keeps its value, and is reported once for each.
+    /// A parameter or pin was set to a value that the hardware cannot have, and another one is in
+    /// use: the parameter has that one. A pin keeps its value, and is reported once for each.
     [VALUE_CORRECTED = 30, fault; "{}: {asked} is out of range {lowest} to {highest}, {used} is used", setting.of(*number)]
     ValueCorrected {
         /// The parameter or pin.
@@ -358,9 +358,10 @@ pub enum EventKind {
         /// The largest allowed value.
         highest: i64,
     },
-    /// Positions are not known any more, and stay so until the axes are homed again: by an index, or by
-    /// `reset`, `position-reset` or `homed`. Not in the first 100 reads after the start: unless an axis
-    /// was homed before, or its generator enabled, there was no position yet that could be lost.
+    /// Positions are not known any more, and stay so until the axes are homed again: by an index,
+    /// or by `reset`, `position-reset` or `homed`. Not in the first 100 reads after the start:
+    /// unless an axis was homed before, or its generator enabled, there was no position yet that
+    /// could be lost.
     [POSITION_UNSURE = 29, fault; "position unsure of {of} {}", Numbers { first: *first, mask: *mask }; then Some(advice::HOME_AGAIN)]
     PositionUnsure {
         /// The kind of counter.
@@ -583,7 +584,7 @@ impl fmt::Display for Waiting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0 {
             0 => Ok(()),
-            waiting => write!(f, ", {waiting} wait until they run"),
+            waiting => write!(f, ", that wait until they run: {waiting}"),
         }
     }
 }

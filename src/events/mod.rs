@@ -22,7 +22,8 @@ use crate::bus::Instant;
 
 /// An event of the cycle, with its time.
 ///
-/// `Display` writes it as a sentence: `cycle 5021, 5.020113 s: port 0, channel 1: card offline, ...`.
+/// `Display` writes it as a sentence: `cycle 5021, 5.020113 s: port 0, channel 1: card offline,
+/// ...`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

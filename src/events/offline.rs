@@ -21,13 +21,13 @@ pub enum OfflineReason {
     #[error("too many failed transfers, the last: {0}")]
     TooManyFailures(Failure),
     /// The channel does not run any more.
-    #[error("the channel does not run: {0}")]
+    #[error("the port has stopped the channel ({0})")]
     NotRunning(CsStatus),
     /// The watchdog of the remote has bitten or it lost power: it needs a START.
-    #[error("the remote's watchdog has bitten or its power was off; the driver restarts it in its mode")]
+    #[error("the remote's watchdog has bitten, or its power was off")]
     Watchdog,
     /// The remote has lost its software mode.
-    #[error("the remote does not know its software mode any more")]
+    #[error("the remote has lost its software mode")]
     IllegalMode,
     /// The field power of the remote is missing, too low or too high.
     #[error("{0}")]
@@ -35,15 +35,15 @@ pub enum OfflineReason {
         #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::flags"))] RemoteFaults,
     ),
     /// The remote reported another fault: over-temperature, over-current, no enable, communication.
-    #[error("the remote reported {0}")]
+    #[error("the remote reports {0}")]
     Reported(
         #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::flags"))] RemoteFaults,
     ),
     /// START did not succeed; CS contains its progress.
-    #[error("the remote did not start: {}", StartProblem(*.0))]
+    #[error("the remote does not start: {}", StartProblem(*.0))]
     DidNotStart(CsStatus),
     /// Another device is on the channel.
-    #[error("{expected} expected, another card answers: {found}, which is not taken over")]
+    #[error("another card answers: {found}, expected {expected}")]
     AnotherDevice {
         /// The device that answers.
         found: RemoteIdentity,
@@ -73,17 +73,17 @@ pub enum OfflineReason {
         expected: ProcessDataSizes,
     },
     /// The port never finished a command.
-    #[error("the port never finished a command")]
+    #[error("the port has not finished a command")]
     PortStuck,
     /// The application switched the port off.
     #[error("the port is switched off")]
     Stopped,
     /// The application asked for a restart.
-    #[error("the application asked for a restart")]
+    #[error("the application has requested a restart")]
     Requested,
     /// The remote did not answer while everything was safe because of the board, whose lines are
     /// dead when its watchdog has bitten or it was reset. Indicates nothing about the remote.
-    #[error("the board does not run, and its lines may be dead with it")]
+    #[error("the board does not run")]
     BoardDown,
 }
 }
@@ -130,8 +130,8 @@ impl OfflineReason {
         }
     }
 
-    /// The reason for a START that did not succeed, with this CS: a fault that the remote reports is
-    /// named as such.
+    /// The reason for a START that did not succeed, with this CS: a fault that the remote reports
+    /// is named as such.
     pub(crate) fn of_failed_start(cs: CsStatus) -> Self {
         if cs.state() == ComState::CheckFaults
             && let reported @ (Self::FieldPower(_) | Self::Reported(_)) =
@@ -142,8 +142,8 @@ impl OfflineReason {
         Self::DidNotStart(cs)
     }
 
-    /// True if another device answers than expected, or another firmware of it: no attempt brings the
-    /// remote back as long as it is there. It cancels a re-arming.
+    /// True if another device answers than expected, or another firmware of it: no attempt brings
+    /// the remote back as long as it is there. It cancels a re-arming.
     pub const fn is_about_identity(&self) -> bool {
         matches!(
             self,

@@ -113,7 +113,7 @@ impl fmt::Display for BoardState {
                 "the board was reset or has lost power, or another program wrote its watchdog's time"
             }
             Self::BusDown => "the board does not answer any more",
-            Self::OtherFirmware => "another board or another firmware answers than before",
+            Self::OtherFirmware => "another board or another firmware answers than at the start",
         })
     }
 }

@@ -23,7 +23,7 @@ pub enum PinError {
         name: String,
     },
     /// A pin or parameter with that name already exists.
-    #[error("there are two pins or parameters `{name}`")]
+    #[error("two pins or parameters are named `{name}`")]
     NameTaken {
         /// The name.
         name: String,
@@ -43,7 +43,7 @@ pub enum PinError {
         nearest: Option<String>,
     },
     /// The pin or parameter exists, but has another type or role.
-    #[error("`{name}` is {actual}, and {expected} was asked for")]
+    #[error("`{name}` is {actual}, not {expected}")]
     WrongKind {
         /// The name.
         name: String,

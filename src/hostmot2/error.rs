@@ -17,10 +17,7 @@ pub enum HostMot2Error {
         found: u32,
     },
     /// The firmware's description of itself contains an impossible value.
-    #[error(
-        "{what}: {found}, expected {expected}; the firmware's description was misread, or has \
-         another format"
-    )]
+    #[error("{what}: {found}, expected {expected}")]
     Description {
         /// Item of the description.
         what: String,
@@ -38,7 +35,7 @@ pub enum HostMot2Error {
         present: String,
     },
     /// A module has a version or registers that this crate does not support.
-    #[error("{gtag} has {found}, known is {expected}")]
+    #[error("{gtag} has {found}, expected {expected}")]
     Unknown {
         /// The module.
         gtag: Gtag,
@@ -49,7 +46,7 @@ pub enum HostMot2Error {
     },
     /// A module does not have a register or an instance.
     #[error(
-        "there is no register {register} of {gtag} {instance}: this firmware has {registers} \
+        "register {register} of {gtag} {instance} does not exist: this firmware has {registers} \
          registers and {instances} instances, counted from 0"
     )]
     NoRegister {

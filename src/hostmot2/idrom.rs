@@ -205,7 +205,7 @@ pub(super) mod tests {
         assert!(with(0, 2).is_ok());
         let error = with(0, 4).unwrap_err().to_string();
         assert!(
-            error.starts_with("IDROM type: 4, expected 3 or 2; "),
+            error.starts_with("IDROM type: 4, expected 3 or 2"),
             "{error}"
         );
     }
@@ -220,11 +220,7 @@ pub(super) mod tests {
             ),
             (7, u32::MAX, "I/O ports: 4294967295 ports of 17 pins, 51 "),
             (9, 0, "I/O ports: 3 ports of 0 pins, 51 "),
-            (
-                10,
-                999_999,
-                "ClockLow: 999999 Hz, expected at least 1 MHz; ",
-            ),
+            (10, 999_999, "ClockLow: 999999 Hz, expected at least 1 MHz"),
             (11, 0, "ClockHigh: 0 Hz, "),
             (12, 0x1_0000, "stride: 0x10000, expected at most 0xFFFF "),
         ];

@@ -205,7 +205,7 @@ mod tests {
         assert_eq!(module.register(5, 3), Ok(0x6000 + 0xC0));
         for (register, instance) in [(6, 0), (0, 4)] {
             let error = module.register(register, instance).unwrap_err().to_string();
-            let text = format!("no register {register} of SSerial (C1) {instance}: ");
+            let text = format!("register {register} of SSerial (C1) {instance} does not exist: ");
             assert!(error.contains(&text), "{error}");
             assert!(error.contains("6 registers and 4 instances"), "{error}");
         }

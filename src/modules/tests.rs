@@ -291,12 +291,12 @@ fn what_is_missing_or_not_known_is_left_out_and_what_is_not_known_is_named() {
     assert_eq!(
         texts,
         [
-            "MuxedEncoder (0C) version 5, 6 instances: MuxedEncoder (0C) has version 5, known is 2 to 4; \
+            "MuxedEncoder (0C) version 5, 6 instances: MuxedEncoder (0C) has version 5, expected 2 to 4; \
              I/O pins 9-17 are plain I/O",
             "MuxSelect (0D) version 0, 1 instance: no multiplexed encoder is driven; I/O pin 18 is plain \
              I/O",
             "PWM (06) version 0, 6 instances: PWM (06) has 5 registers with multiple-register mask 0x7 \
-             (version 0), known is at least 5 and 0x3; I/O pins 0-8 are plain I/O",
+             (version 0), expected at least 5 and 0x3; I/O pins 0-8 are plain I/O",
         ]
     );
     let claimed = undriven(&bench.firmware, &[Gtag::PWM, Gtag::MUXED_ENCODER]);

@@ -31,7 +31,7 @@ pub struct Undriven {
 #[non_exhaustive]
 pub enum UndrivenReason {
     /// This crate has no driver for this kind.
-    #[error("this crate does not drive it")]
+    #[error("the driver does not support it")]
     Unsupported,
     /// The version, or the register layout, is unknown.
     #[error("{0}")]

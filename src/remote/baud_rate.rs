@@ -6,10 +6,12 @@ pub const BAUD_RATE_PARAMETER: &str = "NVBaudRate";
 /// The highest index of a baud rate.
 pub(super) const HIGHEST_INDEX: u8 = 11;
 
-/// The baud rate in operate mode for a value of [`BAUD_RATE_PARAMETER`], 0 to 11; `None` for others.
+/// The baud rate in operate mode for a value of [`BAUD_RATE_PARAMETER`], 0 to 11; `None` for
+/// others.
 ///
 /// The value is used from the next power-up on. Cards are delivered with 9, 2.5 Mbaud, the rate at
-/// which an FPGA starts its serial ports. In setup mode a card has 115200 baud whatever the value is.
+/// which an FPGA starts its serial ports. In setup mode a card has 115200 baud whatever the value
+/// is.
 ///
 /// Manual: 7I77, "OPERATE MODE BAUD RATE".
 pub const fn operate_baud_rate(index: u64) -> Option<u32> {

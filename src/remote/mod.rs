@@ -1,8 +1,9 @@
 //! Remotes: conversion of a descriptor and process data to engineering values and pins.
 //!
 //! [`RemotePins`] makes the pins of any remote from its descriptor and its
-//! [`PackingPlan`](crate::discovery::PackingPlan); [`Scaling`] converts between the bits of an element and a value. Parameters are read and written
-//! by their record: [`DataRecord::read_parameter`](crate::discovery::DataRecord::read_parameter).
+//! [`PackingPlan`](crate::discovery::PackingPlan); [`Scaling`] converts between the bits of an
+//! element and a value. Parameters are read and written by their record:
+//! [`DataRecord::read_parameter`](crate::discovery::DataRecord::read_parameter).
 
 // Runs in the cycle.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
@@ -33,7 +34,8 @@ use crate::hal::{GroupId, PinError, PinStore};
 /// The pins of a remote, and the transfer of their values from and to the interface registers.
 ///
 /// The pins are made from the remote's own descriptor and therefore fit any remote; a
-/// [`RemoteTable`](crate::discovery::RemoteTable) adds terminals and safe values, which a descriptor does not contain.
+/// [`RemoteTable`](crate::discovery::RemoteTable) adds terminals and safe values, which a
+/// descriptor does not contain.
 ///
 /// A driver calls [`take_inputs`](Self::take_inputs) and [`PinStore::group_good_since`] after a
 /// successful transfer,
@@ -77,8 +79,8 @@ impl RemotePins {
         parameters.find(|parameter| parameter.record.is_named(name))
     }
 
-    /// The write of a parameter of the remote on `channel`; `None` if it does not have one with that
-    /// name.
+    /// The write of a parameter of the remote on `channel`; `None` if it does not have one with
+    /// that name.
     pub(crate) fn write_of(
         &self,
         channel: Channel,

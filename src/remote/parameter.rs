@@ -41,7 +41,7 @@ pub enum ParameterError {
         bits: u8,
     },
     /// The remote declares the parameter as read-only.
-    #[error("the remote's parameter can only be read")]
+    #[error("the parameter is read-only")]
     ReadOnly,
     /// The value does not fit.
     #[error("{value} does not fit: allowed is {}", range(*.kind, *.bits))]
@@ -54,7 +54,7 @@ pub enum ParameterError {
         bits: u8,
     },
     /// The value is outside the limits of the record.
-    #[error("{value} is outside of {min} to {max}, which the remote allows")]
+    #[error("{value} is out of range {min} to {max}")]
     OutOfRange {
         /// The value.
         value: AnyValue,
@@ -209,8 +209,8 @@ impl DataRecord {
         AnyValue { hal_type, bits }
     }
 
-    /// The write of the parameter, which is number `parameter` of the remote on `channel`; `None` for
-    /// a size for which there is no access.
+    /// The write of the parameter, which is number `parameter` of the remote on `channel`; `None`
+    /// for a size for which there is no access.
     pub(super) fn write_of(
         &self,
         channel: Channel,

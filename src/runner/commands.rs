@@ -88,10 +88,7 @@ pub struct CommandSender {
 #[non_exhaustive]
 pub enum CommandError {
     /// The queue is full.
-    #[error(
-        "{capacity} commands wait already, as many as the queue holds; a cycle takes up to \
-         {COMMANDS_IN_A_CYCLE}"
-    )]
+    #[error("the queue of {capacity} commands is full; a cycle takes up to {COMMANDS_IN_A_CYCLE}")]
     Full {
         /// Capacity of the queue.
         capacity: usize,
@@ -103,7 +100,7 @@ pub enum CommandError {
     #[error(transparent)]
     Pin(#[from] PinError),
     /// The remote to restart does not exist.
-    #[error("no remote takes part on {remote}")]
+    #[error("{remote}: no remote takes part")]
     NoRemote {
         /// The remote.
         remote: RemoteId,

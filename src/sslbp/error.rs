@@ -18,7 +18,7 @@ pub enum PortError {
     Bus(#[from] BusError),
     /// A bounded wait has ended without result.
     #[error(
-        "SSLBP port {port}: waited {} for {waiting_for}; {registers}",
+        "serial port {port}: waited {} for {waiting_for}; {registers}",
         Rounded(.waited)
     )]
     Timeout {
@@ -36,7 +36,7 @@ pub enum PortError {
     /// The port's state or the request is unexpected: an unsupported firmware; a channel or an
     /// address that the port does not have; memory of the port, or non-volatile memory of a remote,
     /// that did not keep the written value.
-    #[error("SSLBP port {port}: {what} is {found}, expected {expected}")]
+    #[error("serial port {port}: {what} is {found}, expected {expected}")]
     Unexpected {
         /// The port.
         port: u8,
@@ -51,7 +51,7 @@ pub enum PortError {
     },
     /// The operation needs another state of the port.
     #[error(
-        "SSLBP port {port}: {needed} needed, but the port is {state} (channels that run: {running})"
+        "serial port {port}: {needed} needed, but the port is {state} (running channels: {running})"
     )]
     WrongState {
         /// The port.
@@ -66,7 +66,7 @@ pub enum PortError {
         advice: Option<Advice>,
     },
     /// An operation on a channel, or on the remote there, failed.
-    #[error("SSLBP port {port}, channel {channel}: {failed} ({cs})")]
+    #[error("serial port {port}, channel {channel}: {failed} ({cs})")]
     Channel {
         /// The port.
         port: u8,

@@ -345,7 +345,7 @@ pub(super) mod tests {
             ..MODULE
         };
         let error = PortLayout::new(&mixed, 0, 8).unwrap_err().to_string();
-        assert!(error.contains("mask 0x3C, known is 10"), "{error}");
+        assert!(error.contains("mask 0x3C, expected 10"), "{error}");
         assert!(error.contains("mask 0x3FC"), "{error}");
     }
 

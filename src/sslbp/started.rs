@@ -231,7 +231,7 @@ pub enum StartFailureReason {
     #[error("the remote answered at first and then stopped")]
     StoppedAnswering,
     /// The replies do not come from a remote.
-    #[error("the device that answers is not a remote (wrong cookie)")]
+    #[error("the reply is not from a smart-serial card (wrong cookie)")]
     WrongCookie,
     /// The receive line is low.
     #[error("the receive line is low")]
@@ -243,16 +243,16 @@ pub enum StartFailureReason {
     #[error("replies are too long")]
     ExtraCharacters,
     /// Only characters received while a request is sent.
-    #[error("characters come while a request is sent")]
+    #[error("characters arrive while a request is sent")]
     Overrun,
     /// The remote's LBP status does not become clear.
     #[error("the remote keeps reporting LBP errors")]
     StatusStuck,
     /// The remote does not report its unit number (RPC BC).
-    #[error("the remote does not tell its unit number; its firmware may be damaged or too old")]
+    #[error("the remote does not report its unit number")]
     NoUnitNumber,
     /// The remote does not report its sizes (RPC BB).
-    #[error("the remote does not tell its process data sizes; its firmware may be too old")]
+    #[error("the remote does not report the sizes of its process data")]
     NoSizes,
     /// The remote does not have the software mode.
     #[error("the remote does not have software mode {0}")]

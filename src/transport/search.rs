@@ -41,7 +41,7 @@ pub enum Silence {
     Foreign,
     /// The firewall of this computer blocks packets to the address. LinuxCNC's driver sets this up
     /// for the interface of its board, with the chain `hm2-eth-rules-output`.
-    #[error("this computer lets no packets out to this address")]
+    #[error("the firewall of this computer blocks packets to this address")]
     Blocked,
     /// The operating system cannot send there.
     #[error("the operating system cannot send there: {0}")]

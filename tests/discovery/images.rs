@@ -2,7 +2,7 @@
 
 mod damage;
 
-use crate::common::image::{Image, NoReply};
+use crate::common::image::Image;
 use mesa_hal::boards::REMOTES;
 use mesa_hal::discovery::{
     DataDirection, DataType, Discovery, DiscoveryOptions, ElementTable, ModeType, ProblemKind,

@@ -403,7 +403,7 @@ fn a_7i92_has_its_own_layout_and_takes_no_file_and_no_layout_of_a_7i97() {
     let error = EthernetBoard::new(&mut bus)
         .into_flash(FlashLayout::I7I97)
         .expect_err("another board");
-    let text = "this is a 7I92, and the layout is that of a 7I97";
+    let text = "the board is a 7I92, the layout is that of a 7I97";
     assert_eq!(error.to_string(), text);
     assert_eq!(error.advice(), Some(advice::USE_LAYOUT_OF_BOARD));
 

@@ -82,14 +82,22 @@ mod tests {
 
     /// All advice that a user of the command line may read.
     fn every_advice() -> impl Iterator<Item = Advice> {
-        advice::all().chain(mesa_pci::advice::ALL.iter().copied())
+        let of_tools = crate::setup::advice::ALL.iter();
+        advice::all().chain(of_tools.chain(mesa_pci::advice::ALL).copied())
     }
 
     /// True for a quotation that an operator types, or finds in a file of the system.
     fn is_typed(quoted: &str) -> bool {
         let first = quoted.split(' ').next().unwrap_or_default();
-        let of_system = ["mesa", "sudo", "nproc", "rtprio", "memlock", "MISSING"];
-        of_system.contains(&first) || first.starts_with("--")
+        let of_system = [
+            "nproc", "rtprio", "memlock", "MISSING", "dmesg", "lspci", "setpci",
+        ];
+        let of_shell = ["mesa", "sudo", "echo", "halrun"];
+        let is_rule = first.starts_with("ACTION==");
+        of_system.contains(&first)
+            || of_shell.contains(&first)
+            || is_rule
+            || first.starts_with("--")
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Library behind the command `mesa`, for programs with the same tasks: the [`inventory`] of a
-//! board, the [`diagnosis`] of board, network, computer and wiring, a [`passive`] look at a board that
-//! another program drives, and the [`setup`] of remotes over a serial port.
+//! board, the [`diagnosis`] of board, network, computer and wiring, a [`passive`] look at a board
+//! that another program drives, and the [`setup`] of remotes over a serial port.
 #![cfg_attr(
     not(test),
     deny(

@@ -6,8 +6,8 @@ use core::fmt;
 /// The next step after an error, a remark or an event: a topic, and a text for programmers.
 ///
 /// The `Display` of an error contains facts: the operation, the place, the expected and the found
-/// value. [`MesaError::advice`] returns the next step, if there is one. `Display` of an advice is its
-/// text, as part of a sentence. A program with other words for its users has them by
+/// value. [`MesaError::advice`] returns the next step, if there is one. `Display` of an advice is
+/// its text, as part of a sentence. A program with other words for its users has them by
 /// [`topic`](Self::topic); [`WithAdvice`] joins facts and advice.
 ///
 /// ```

@@ -42,7 +42,7 @@ const CANNOT_SEND: CustomError = of_stack("smoltcp cannot send: unaddressable");
 const CANNOT_BIND: CustomError = of_stack("smoltcp cannot open the port");
 
 const fn of_stack(text: &'static str) -> CustomError {
-    CustomError::new(BusErrorKind::Unreachable, text).advising(advice::CHECK_ADDRESS)
+    CustomError::new(BusErrorKind::Unreachable, text).advising(&advice::CHECK_ADDRESS)
 }
 
 impl<D: Device, C: Clock> SmoltcpLink<D, C> {

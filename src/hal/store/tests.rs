@@ -201,11 +201,11 @@ fn pins_are_found_by_name_only_as_what_they_are() {
         ),
         (
             pins.input::<bool>("lamp").err(),
-            "`lamp` is an output, and an input was asked for",
+            "`lamp` is an output, not an input",
         ),
         (
             pins.input::<u32>("switch").err(),
-            "`switch` is bit, and u32 was asked for",
+            "`switch` is bit, not u32",
         ),
     ] {
         let error = error.expect("refused").to_string();

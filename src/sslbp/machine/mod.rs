@@ -200,8 +200,8 @@ impl PortMachine {
         })
     }
 
-    /// What is left of the longest time that the operation in flight can take; 0 without one, and for a
-    /// transfer, whose time is that of the cycle.
+    /// What is left of the longest time that the operation in flight can take; 0 without one, and
+    /// for a transfer, whose time is that of the cycle.
     pub fn time_left(&self, now: Instant) -> Duration {
         match self.in_flight() {
             None | Some((PortOperation::Transfer(_), _)) => Duration::ZERO,
@@ -284,8 +284,8 @@ impl PortMachine {
         let OperationTimes { usual, settle, .. } = operation.times();
         if !settle.is_zero() {
             let cleared = *pending.cleared.get_or_insert(now);
-            // COMMAND may have been 0 for a while when it is seen, but not for longer than that. The
-            // pause after the stop of single channels is enough for the slowest port, too.
+            // COMMAND may have been 0 for a while when it is seen, but not for longer than that.
+            // The pause after the stop of single channels is enough for the slowest port, too.
             let latest = match operation {
                 PortOperation::Stop(_) => issued.after(usual),
                 _ => issued.after(usual.saturating_mul(SLOWEST)),

@@ -38,8 +38,8 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
 
     /// Reads a value again until the bus has no doubts, or two reads in a row agree.
     ///
-    /// A network can deliver an earlier command once more, after the one of this read: the registers
-    /// then hold the value of the earlier command.
+    /// A network can deliver an earlier command once more, after the one of this read: the
+    /// registers then hold the value of the earlier command.
     pub(super) fn read_without_doubt<T: Copy + PartialEq>(
         &mut self,
         what: fmt::Arguments<'_>,

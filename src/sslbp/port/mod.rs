@@ -102,7 +102,7 @@ impl<B: RegisterBus> SetupPort<'_, B> {
         let last = self.port.layout.channels - 1;
         let (found, expected) = (format!("{missing}"), format!("0 to {last}"));
         Err(self.unexpected(
-            "a channel that was asked for".into(),
+            "the requested channel".into(),
             found,
             expected,
             Some(advice::LEAVE_CHANNEL_OUT),

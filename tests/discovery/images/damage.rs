@@ -192,7 +192,7 @@ fn a_read_that_fails_costs_its_record_only() {
     let found = run(&mut image, &remote);
     assert_eq!(kinds(&found), [ProblemKind::ReadFailed { address: 0x1204 }]);
     assert_eq!(found.problems[0].record, 0x1200);
-    assert_eq!(found.read_error, Some(NoReply(0x1204).to_string()));
+    assert_eq!(found.read_error, Some("no reply at 0x1204".to_owned()));
     assert_eq!(found.descriptor.process_data.len(), 2);
     assert!(found.plan.is_err());
 }

@@ -118,7 +118,7 @@ fn each_card_on_a_7i92_has_its_own_encoders() {
         assert!(matches!(error, AttachError::NoConnector { .. }), "{error}");
         let text = error.to_string();
         assert!(
-            text.contains("not the first one of a connector with the pins of a 7I77"),
+            text.contains("not the first channel of a connector with the pins of a 7I77"),
             "{text}"
         );
     }

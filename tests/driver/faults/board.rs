@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use crate::common::machine::{ANALOG, Embedded, FIELD, Machine, OUTPUTS, device, fpga, start};
+use mesa_hal::MesaError;
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::{BoardState, CycleError, Driver};
 use mesa_hal::hal::Pins;
@@ -345,7 +346,7 @@ fn a_board_that_lost_its_firmware_is_not_mistaken_for_one_with_all_inputs_off() 
             consecutive: 1
         }
     );
-    let text = error.to_string();
+    let text = error.with_advice().to_string();
     assert!(
         text.contains("0xFFFFFFFF") && text.contains("power"),
         "{text}"

@@ -127,19 +127,19 @@ fn what_can_not_be_written_is_an_error_with_a_reason_and_the_board_starts_all_th
             0,
             "swrevision",
             1,
-            "port 0, channel 0, parameter swrevision: the remote's parameter can only be read",
+            "port 0, channel 0, parameter swrevision: the parameter is read-only",
         ),
         (
             9,
             "nvwatchdogtimeout",
             100,
-            "no remote takes part on port 0, channel 9, where a remote was asked for",
+            "port 0, channel 9: no remote takes part",
         ),
         (
             ANALOG,
             "nvwatchdogtimeout",
             100,
-            "no remote takes part on port 0, channel 1, where a remote was asked for",
+            "port 0, channel 1: no remote takes part",
         ),
     ] {
         let error = write(&mut board, channel, name, value).unwrap_err();

@@ -385,7 +385,7 @@ fn a_silent_channel_is_empty_unless_the_other_part_of_its_card_answers() {
         assert!(!lost.is_silent(), "{lost}");
         let text = lost.to_string();
         let says = format!(
-            "no {part} answers, but the {other} on channel {}",
+            "no reply from the {part}, although the {other} on channel {}",
             1 - silent
         );
         assert!(text.contains(&says), "{text}");
@@ -411,15 +411,13 @@ fn swapped_channels_of_a_7i77_are_detected_and_the_error_contains_the_next_step(
     }
     let texts = errors.map(|error| error.to_string());
     assert!(
-        texts[0].contains(
-            "is 7I77 analog, because the channels are swapped, and 7I77 field I/O was expected"
-        ),
+        texts[0]
+            .contains("is 7I77 analog, because the channels are swapped, expected 7I77 field I/O"),
         "{texts:?}"
     );
     assert!(
-        texts[1].contains(
-            "is 7I77 field I/O, because the channels are swapped, and 7I77 analog was expected"
-        ),
+        texts[1]
+            .contains("is 7I77 field I/O, because the channels are swapped, expected 7I77 analog"),
         "{texts:?}"
     );
 

@@ -147,7 +147,7 @@ fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
     let other = shop.driver.attach::<Valves>((0, FIELD as u8)).unwrap_err();
     assert_eq!(
         other.to_string(),
-        "port 0, channel 0: a 7I77 answers, and a VLV4 was expected"
+        "port 0, channel 0: a 7I77 answers, expected a VLV4"
     );
     assert_eq!(other.advice(), Some(advice::CHECK_SWAPPED_CABLES));
     let other = shop.driver.attach::<I7i72>((0, OUTPUTS as u8)).unwrap_err();
@@ -156,7 +156,7 @@ fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
     assert!(
         nothing
             .to_string()
-            .contains("channel 5, where a valve block was asked for"),
+            .contains("channel 5: no valve block takes part"),
         "{nothing}"
     );
 }

@@ -150,8 +150,8 @@ fn values_out_of_range_are_corrected_and_said() {
         session.set(name, set);
         expect(
             &mut session,
-            &format!("hm2_7i97.0: {name} was set to {set}, and {used} is used"),
-            &format!(": {allowed} are allowed"),
+            &format!("hm2_7i97.0: {name}: {set} is out of range {allowed}"),
+            &format!("{used} is used"),
         );
         session.expect(name, used);
     }

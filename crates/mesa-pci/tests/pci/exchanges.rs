@@ -160,7 +160,7 @@ fn a_board_that_vanishes_fails_the_list_and_no_word_changes() {
     assert!(
         error
             .to_string()
-            .contains("0000:05:00.0: the board has vanished"),
+            .contains("0000:05:00.0: the board does not answer"),
         "{error}"
     );
     assert!(error.advice().is_some());

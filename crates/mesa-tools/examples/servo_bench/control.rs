@@ -15,8 +15,8 @@ use crate::machine::{AXES, World};
 use crate::timed::Timed;
 use crate::{Failure, advised};
 
-/// Number of cycles without a new position after which an axis stops: more than an attempt to restart
-/// another card of the port takes.
+/// Number of cycles without a new position after which an axis stops: more than an attempt to
+/// restart another card of the port takes.
 const DEBOUNCE: u64 = 25;
 /// Encoder counts for a unit of position, and units per second at full scale: the motors' data.
 const COUNTS_PER_UNIT: f64 = 1000.0;

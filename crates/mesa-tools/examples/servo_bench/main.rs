@@ -1,6 +1,6 @@
-//! Six servo axes on a 7I77, with a 7I72 on its expansion port, and a summary of everything that was
-//! counted. `tests/mesa/interop_servo_loop` runs it on simulated boards, with real sockets and clocks;
-//! it measures a real board as well.
+//! Six servo axes on a 7I77, with a 7I72 on its expansion port, and a summary of everything that
+//! was counted. `tests/mesa/interop_servo_loop` runs it on simulated boards, with real sockets and
+//! clocks; it measures a real board as well.
 //!
 //! Without `--addr` the board is a simulated 7I92 with motors on virtual time; with it, a real (or
 //! simulated) Ethernet board: one with the same remotes, or a 7I97, which has analog outputs of its

@@ -17,8 +17,8 @@ use mesa_hal::lbp16::registers::{eeprom, read_only};
 /// Tolerance for lost or late replies: a machine runs with up to one in this number.
 const LOSS: u64 = 200;
 
-/// An EEPROM of which Mesa's part, with card name and MAC address, was never written, and what to do;
-/// `None` for a sound one.
+/// An EEPROM of which Mesa's part, with card name and MAC address, was never written, and what to
+/// do; `None` for a sound one.
 pub fn unwritten_eeprom(identity: &Identity) -> Option<(String, &'static str)> {
     // A multicast address is no board's own, and an erased one is FF:FF:FF:FF:FF:FF.
     let has_mac = identity.mac.0[0] & 1 == 0 && identity.mac.0 != [0; 6];
@@ -35,7 +35,8 @@ pub fn unwritten_eeprom(identity: &Identity) -> Option<(String, &'static str)> {
     ))
 }
 
-/// True for a card name that a board can have: an EEPROM that was never written has other characters.
+/// True for a card name that a board can have: an EEPROM that was never written has other
+/// characters.
 pub fn has_name(card: &str) -> bool {
     card.starts_with(|first: char| first.is_ascii_alphanumeric())
 }

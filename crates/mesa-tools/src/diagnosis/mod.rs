@@ -1,8 +1,9 @@
 //! Diagnosis of a board, its network and its computer: figures and verdicts on them.
 //!
-//! [`Host`] reads the figures of a Linux computer, [`RoundTrips::measure`] and [`Packets`] have those
-//! of the connection to a board; the functions of [`computer`], [`network`] and [`board`] are pure: they turn figures
-//! into [`Finding`]s. [`wiring`] guides an operator through a check of a cabinet's wires.
+//! [`Host`] reads the figures of a Linux computer, [`RoundTrips::measure`] and [`Packets`] have
+//! those of the connection to a board; the functions of [`computer`], [`network`] and [`board`] are
+//! pure: they turn figures into [`Finding`]s. [`wiring`] guides an operator through a check of a
+//! cabinet's wires.
 
 pub mod board;
 pub mod computer;

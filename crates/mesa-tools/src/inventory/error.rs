@@ -1,5 +1,6 @@
 //! Errors of an inventory.
 
+use crate::setup::advice;
 use mesa_hal::bus::BusError;
 use mesa_hal::hostmot2::{HostMot2Error, IdentifyError};
 use mesa_hal::sslbp::PortError;
@@ -25,7 +26,7 @@ pub enum InventoryError {
     #[error(transparent)]
     Bus(#[from] BusError),
     /// A software mode is requested for a serial port that does not exist.
-    #[error("no serial port {port}, the firmware has {ports}; leave the mode out, or correct it")]
+    #[error("serial port {port} does not exist: the firmware has {ports}")]
     NoSuchPort {
         /// The port.
         port: u8,
@@ -33,10 +34,7 @@ pub enum InventoryError {
         ports: u8,
     },
     /// A software mode is requested for a channel that does not exist.
-    #[error(
-        "no channel {channel} on serial port {port}, which has {channels}; leave the mode out, or \
-         correct it"
-    )]
+    #[error("channel {channel} of serial port {port} does not exist: the port has {channels}")]
     NoSuchChannel {
         /// The port.
         port: u8,
@@ -54,7 +52,7 @@ impl MesaError for InventoryError {
             Self::Firmware(error) => error.advice(),
             Self::Port(error) => error.advice(),
             Self::Bus(error) => error.advice(),
-            Self::NoSuchPort { .. } | Self::NoSuchChannel { .. } => None,
+            Self::NoSuchPort { .. } | Self::NoSuchChannel { .. } => Some(advice::CORRECT_MODE),
         }
     }
 }

@@ -206,8 +206,8 @@ pub struct InventoryRemote {
     /// bites while the remote is not driven.
     pub faults: Vec<String>,
     /// Readable faults that the remote kept from before, and that are not present now. This look
-    /// has cleared them. A bite of its watchdog is usual among them: the remote powers up with one, and
-    /// nothing feeds the watchdog between two programs.
+    /// has cleared them. A bite of its watchdog is usual among them: the remote powers up with one,
+    /// and nothing feeds the watchdog between two programs.
     pub faults_before: Vec<String>,
     /// Modes of the remote.
     pub modes: Vec<InventoryMode>,

@@ -5,7 +5,8 @@ use mesa_hal::hal::{Place, Terminals};
 use mesa_hal::hostmot2::{Gtag, HostMot2, ModuleInstance, PinDescriptor};
 
 /// Terminals of I/O pin `number`: those of the board itself, or port and pin of the gateware for a
-/// board whose connectors are not known; and those of a card on it. Empty for a pin without a direct way to a terminal.
+/// board whose connectors are not known; and those of a card on it. Empty for a pin without a
+/// direct way to a terminal.
 pub fn of(firmware: &HostMot2, number: usize, pin: PinDescriptor) -> String {
     let board = BoardTable::for_firmware(firmware, &[]);
     let card = of_card(board, firmware, pin);

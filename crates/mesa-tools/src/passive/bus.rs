@@ -168,8 +168,8 @@ impl From<PassiveError> for BusError {
 }
 
 impl<L: PacketLink> PassiveBus<L> {
-    /// Least time between two packets. A driver of `mesa-hal` reports a second master at more than 50
-    /// packets a second; a `PassiveBus` sends at most 20.
+    /// Least time between two packets. A driver of `mesa-hal` reports a second master at more than
+    /// 50 packets a second; a `PassiveBus` sends at most 20.
     pub const INTERVAL: Duration = Duration::from_millis(50);
 
     /// Most bytes of a request, and of its reply: 26 us on the wire at 100 Mbit/s.

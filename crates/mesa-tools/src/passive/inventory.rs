@@ -64,8 +64,8 @@ pub struct PassiveChannel {
 const COUNTED: Duration = Duration::from_millis(200);
 
 impl PassiveInventory {
-    /// Takes the inventory of a board whose [Ethernet side](InventoryEthernet::read) was read over the
-    /// same bus. Writes nothing.
+    /// Takes the inventory of a board whose [Ethernet side](InventoryEthernet::read) was read over
+    /// the same bus. Writes nothing.
     ///
     /// # Errors
     /// [`InventoryError`]: no board answers, or its firmware cannot be used.

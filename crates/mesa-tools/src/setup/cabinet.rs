@@ -5,7 +5,7 @@ mod value;
 
 use std::collections::BTreeMap;
 
-use super::CabinetError;
+use super::{CabinetError, advice};
 use mesa_hal::RemoteId;
 use mesa_hal::boards::AttachError;
 use mesa_hal::bus::{Clock, RegisterBus};
@@ -16,7 +16,7 @@ use mesa_hal::lbp::RemoteAccess;
 use mesa_hal::remote::ParameterError;
 use mesa_hal::{Advice, MesaError};
 
-pub use serial::{SerialCabinet, SerialCabinetError};
+pub use serial::SerialCabinet;
 pub use value::{SavedValue, parse_value};
 
 /// Remotes in setup mode with readable and writable parameters: those of a
@@ -216,15 +216,15 @@ pub enum RestoreError {
     #[error(transparent)]
     Cabinet(#[from] CabinetError),
     /// The file was written by another version.
-    #[error("the file has format {found}, expected 1; restore it with the version that wrote it")]
+    #[error("the file has format {found}, expected 1")]
     Format {
         /// Format of the file.
         found: u32,
     },
     /// A remote of the file is missing.
     #[error(
-        "the file is for a {card} with unit number {unit_number:#010X} (it was on {place}), which is not \
-         there; nothing was written. For a card that was replaced by another of its kind, match by place"
+        "the file is for a {card} with unit number {unit_number:#010X} (it was on {place}), which is \
+         missing; nothing was written"
     )]
     Missing {
         /// Name of the remote.
@@ -235,10 +235,7 @@ pub enum RestoreError {
         place: String,
     },
     /// Two remotes cannot be distinguished.
-    #[error(
-        "there are two {card} with unit number {unit_number:#010X}; nothing was written. Match them by \
-         place"
-    )]
+    #[error("two {card} have unit number {unit_number:#010X}; nothing was written")]
     Ambiguous {
         /// Name of the remotes.
         card: String,
@@ -264,7 +261,9 @@ impl MesaError for RestoreError {
         match self {
             Self::Parameter { source, .. } => source.advice(),
             Self::Cabinet(error) => error.advice(),
-            Self::Format { .. } | Self::Missing { .. } | Self::Ambiguous { .. } => None,
+            Self::Format { .. } => Some(advice::RESTORE_BY_WRITER),
+            Self::Missing { .. } => Some(advice::MATCH_REPLACED),
+            Self::Ambiguous { .. } => Some(advice::MATCH_BY_PLACE),
         }
     }
 }

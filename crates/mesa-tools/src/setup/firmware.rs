@@ -1,6 +1,8 @@
 //! Firmware files of remotes, and the check that a file is for the card.
 
+use super::advice;
 use mesa_hal::sslbp::RemoteName;
+use mesa_hal::{Advice, MesaError};
 
 /// Maximum length of a file, in bytes.
 const LARGEST: usize = 4 << 20;
@@ -24,23 +26,21 @@ pub struct FirmwareFile {
 #[non_exhaustive]
 pub enum FirmwareError {
     /// The file is empty or too long.
-    #[error(
-        "the file has {bytes} bytes, expected 1 to {LARGEST}; take the `.BIN` file for the card"
-    )]
+    #[error("the file has {bytes} bytes, expected 1 to {LARGEST}")]
     Length {
         /// Length of the file.
         bytes: usize,
     },
     /// The file is of another kind.
-    #[error("the file is {kind}, expected the raw image that Mesa's `.BIN` files are; {hint}")]
+    #[error("the file is {kind}, expected the raw image that Mesa's `.BIN` files are")]
     Kind {
         /// Kind of the file.
         kind: &'static str,
-        /// Advice for this kind.
-        hint: &'static str,
+        /// The next step for this kind.
+        advice: Advice,
     },
     /// The file is for another card.
-    #[error("the file is for a {found}, and this is a {card}; take the file for this card")]
+    #[error("the file is for a {found}, and the card is a {card}")]
     OtherCard {
         /// Card that the file names.
         found: RemoteName,
@@ -48,40 +48,38 @@ pub enum FirmwareError {
         card: RemoteName,
     },
     /// The file does not name its card.
-    #[error(
-        "neither the file's name nor its contents say which card it is for; if it is for a {card}, give \
-         it a name that begins with {card}, as Mesa's files have"
-    )]
+    #[error("neither the file's name nor its contents show that it is for a {card}")]
     Unnamed {
         /// Card to be updated.
         card: RemoteName,
     },
 }
 
-const TO_BINARY: &str = "convert it to a raw binary";
+impl MesaError for FirmwareError {
+    fn advice(&self) -> Option<Advice> {
+        Some(match self {
+            Self::Length { .. } => advice::TAKE_BIN_FILE,
+            Self::Kind { advice, .. } => *advice,
+            Self::OtherCard { .. } => advice::TAKE_OTHER_FILE,
+            Self::Unnamed { .. } => advice::NAME_FILE,
+        })
+    }
+}
 
 /// Other kinds of files: first bytes, name of the kind, advice.
-const KINDS: &[(&[u8], &str, &str)] = &[
+const KINDS: &[(&[u8], &str, Advice)] = &[
     (
         &[0x00, 0x09, 0x0F, 0xF0],
         "an FPGA bitfile",
-        "that is for `mesa flash`",
+        advice::WRITE_BITFILE,
     ),
-    (b"\x7FELF", "an ELF program", TO_BINARY),
-    (
-        b"PK\x03\x04",
-        "a ZIP archive",
-        "unpack it and take the file for this card",
-    ),
-    (
-        b"\x1F\x8B",
-        "compressed",
-        "unpack it and take the file for this card",
-    ),
-    (b":0", "in Intel's hex format", TO_BINARY),
-    (b":1", "in Intel's hex format", TO_BINARY),
-    (b":2", "in Intel's hex format", TO_BINARY),
-    (b"S0", "in Motorola's S format", TO_BINARY),
+    (b"\x7FELF", "an ELF program", advice::CONVERT_FILE),
+    (b"PK\x03\x04", "a ZIP archive", advice::UNPACK_FILE),
+    (b"\x1F\x8B", "compressed", advice::UNPACK_FILE),
+    (b":0", "in Intel's hex format", advice::CONVERT_FILE),
+    (b":1", "in Intel's hex format", advice::CONVERT_FILE),
+    (b":2", "in Intel's hex format", advice::CONVERT_FILE),
+    (b"S0", "in Motorola's S format", advice::CONVERT_FILE),
 ];
 
 impl FirmwareFile {
@@ -99,8 +97,8 @@ impl FirmwareFile {
             return Err(FirmwareError::Length { bytes });
         }
         let mut kinds = KINDS.iter();
-        if let Some(&(_, kind, hint)) = kinds.find(|(magic, ..)| contents.starts_with(magic)) {
-            return Err(FirmwareError::Kind { kind, hint });
+        if let Some(&(_, kind, advice)) = kinds.find(|(magic, ..)| contents.starts_with(magic)) {
+            return Err(FirmwareError::Kind { kind, advice });
         }
         let name = file_name.to_ascii_uppercase();
         let card = RemoteName(card.0.map(|c| c.to_ascii_uppercase()));

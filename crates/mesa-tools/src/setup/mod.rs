@@ -9,6 +9,7 @@
 //! # Real time
 //! Nothing here is for the cycle. All operations are bounded.
 
+pub mod advice;
 mod cabinet;
 mod cabinet_error;
 mod firmware;
@@ -19,8 +20,7 @@ mod words;
 
 pub use cabinet::{
     Cabinet, CabinetDifference, CabinetRemote, Comparison, RemoteMatch, RemotePlace, RestoreError,
-    SavedCabinet, SavedOrigin, SavedRemote, SavedValue, SerialCabinet, SerialCabinetError,
-    parse_value,
+    SavedCabinet, SavedOrigin, SavedRemote, SavedValue, SerialCabinet, parse_value,
 };
 pub use cabinet_error::CabinetError;
 pub use firmware::{FirmwareError, FirmwareFile};

@@ -1,28 +1,23 @@
-//! Errors of LBP over a serial port of the host, with advice.
+//! Errors of LBP over a serial port of the host.
 
 use core::fmt;
 use std::io;
 
+use super::advice;
 use crate::counted::Counted;
-use mesa_hal::MesaError;
 use mesa_hal::lbp::{LbpError, RemoteAccess, RemoteLinkError, RemoteLinkErrorKind};
+use mesa_hal::{Advice, MesaError};
 
 /// Error of an operation over a serial port.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SerialError {
     /// The serial port itself failed.
-    #[error(
-        "the serial port failed: {0}; check that its adapter is plugged in, and that no other program \
-         has it open"
-    )]
+    #[error("the serial port failed: {0}")]
     Port(#[from] io::Error),
     /// No character arrived.
     #[error(
-        "{asked}: no answer, asked {}; check in this order: the card has power; it is in \
-         setup mode (7I77: W12 for field I/O, W4 for analog, to the right; 7I72: W6 down), and was \
-         switched off and on since; this port has the card's baud rate (115200 in setup mode); RX and \
-         TX are not swapped, and the adapter is RS-422",
+        "{asked}: no reply, asked {}",
         Counted(u64::from(*attempts), "time")
     )]
     NoReply {
@@ -33,8 +28,7 @@ pub enum SerialError {
     },
     /// Characters arrived, but no valid reply.
     #[error(
-        "{asked}: what answers is damaged, asked {} ({source}); the baud rate is another \
-         one than the card's (115200 in setup mode, whatever NVBaudRate says), or the cable is bad",
+        "{asked}: the replies are damaged, asked {} ({source})",
         Counted(u64::from(*attempts), "time")
     )]
     Damaged {
@@ -46,23 +40,27 @@ pub enum SerialError {
         source: LbpError,
     },
     /// The device answers, but is not an LBP remote.
-    #[error(
-        "what answers is no remote: its cookie is {found:02X}, expected 5A; check what is connected to \
-         this port"
-    )]
+    #[error("the reply is not from a smart-serial card: its cookie is {found:02X}, expected 5A")]
     NotARemote {
         /// Cookie of the device.
         found: u8,
     },
     /// Characters arrive without a request.
-    #[error(
-        "characters come in without end on this serial port; check the baud rate, and that a single \
-         card, and nothing else, is connected to it"
-    )]
+    #[error("characters arrive without a request on this serial port")]
     NeverQuiet,
 }
 
-impl MesaError for SerialError {}
+impl MesaError for SerialError {
+    fn advice(&self) -> Option<Advice> {
+        Some(match self {
+            Self::Port(_) => advice::CHECK_ADAPTER,
+            Self::NoReply { .. } => advice::CHECK_SETUP_MODE,
+            Self::Damaged { .. } => advice::CHECK_SETUP_BAUD,
+            Self::NotARemote { .. } => advice::CHECK_DEVICE,
+            Self::NeverQuiet => advice::CHECK_SINGLE_CARD,
+        })
+    }
+}
 
 impl From<SerialError> for RemoteLinkError {
     fn from(error: SerialError) -> Self {

@@ -12,7 +12,7 @@
 
 mod extent;
 
-use super::FirmwareFile;
+use super::{FirmwareFile, advice};
 use mesa_hal::{Advice, MesaError};
 
 use mesa_hal::lbp::flash;
@@ -38,12 +38,12 @@ const STEP: usize = 8;
 #[non_exhaustive]
 pub enum UpdateError {
     /// An access failed.
-    #[error("{0}; once the cause is removed, the same command finishes the update")]
+    #[error(transparent)]
     Link(#[from] RemoteLinkError),
     /// The remote has no flash memory that is accessible in this way.
     #[error(
-        "the remote says that it erases 2^{erase} and writes 2^{write} bytes at a time, which no flash \
-         memory does; its firmware cannot be updated over LBP"
+        "the remote reports that it erases 2^{erase} and writes 2^{write} bytes at a time, which no flash \
+         memory does: its firmware cannot be updated over LBP"
     )]
     Sizes {
         /// Base-2 logarithm of the bytes that an erase erases.
@@ -75,14 +75,12 @@ pub enum UpdateError {
     },
     /// The contents of the flash memory are not visible.
     #[error(
-        "this remote does not show what is in its flash memory, so that an update cannot be verified; \
-         `--no-verify` writes without, as LinuxCNC's setsserial does"
+        "the remote does not show the contents of its flash memory, so that an update cannot be verified"
     )]
     NotReadable,
     /// The remote did not return its cookie after an erase or a write.
     #[error(
-        "offset {offset:#X}: the remote answers {found:02X} after an erase or a write, expected 5A; \
-         power it off and on, and give the same command again"
+        "offset {offset:#X}: the remote answers {found:02X} after an erase or a write, expected 5A"
     )]
     OutOfStep {
         /// Offset in the flash memory.
@@ -93,8 +91,7 @@ pub enum UpdateError {
     /// The flash memory does not retain the written data.
     #[error(
         "offset {offset:#X} of the flash memory reads {read:#018X} after {written:#018X} was written, \
-         {ATTEMPTS} times; give the same command again, and if that does not help, the memory is worn \
-         out or this offset is protected"
+         {ATTEMPTS} times"
     )]
     NotKept {
         /// Offset in the flash memory.
@@ -121,8 +118,18 @@ impl MesaError for UpdateError {
     fn advice(&self) -> Option<Advice> {
         match self {
             Self::Link(error) => error.advice(),
-            _ => None,
+            Self::NotReadable => Some(advice::UPDATE_BLINDLY),
+            Self::OutOfStep { .. } => Some(advice::POWER_CYCLE_AND_UPDATE),
+            Self::NotKept { .. } => Some(advice::UPDATE_ONCE_MORE),
+            Self::Sizes { .. }
+            | Self::TooShort { .. }
+            | Self::TooLong { .. }
+            | Self::Stopped { .. } => None,
         }
+    }
+
+    fn further_advice(&self) -> Option<Advice> {
+        matches!(self, Self::Link(_)).then_some(advice::UPDATE_AGAIN)
     }
 }
 

@@ -26,8 +26,8 @@ use std::{
 /// Time limit of any step, for a slow and busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(90);
 
-/// Stops a test that waits for the host's clock or for another program, and is not behind the feature:
-/// the README's test command would not pass on every computer.
+/// Stops a test that waits for the host's clock or for another program, and is not behind the
+/// feature: the README's test command would not pass on every computer.
 #[expect(
     clippy::assertions_on_constants,
     reason = "the features of this build decide"

@@ -34,9 +34,9 @@ pub fn has_program(name: &str) -> bool {
 /// The priority of what has to answer in time.
 const PRIORITY: &str = "1";
 
-/// The variable of `examples/linuxcnc.sh` with the nice value of LinuxCNC's threads. Its driver polls
-/// for a reply: with a realtime priority it would hold up the board that sends it, and the servo loops
-/// of other tests.
+/// The variable of `examples/linuxcnc.sh` with the nice value of LinuxCNC's threads. Its driver
+/// polls for a reply: with a realtime priority it would hold up the board that sends it, and the
+/// servo loops of other tests.
 pub const LINUXCNC_NICE: (&str, &str) = ("LINUXCNC_NICE", "-20");
 
 /// A command for a program with a simulated board, a servo loop or a LinuxCNC in it, which has to

@@ -1,5 +1,5 @@
-//! What `mesa doctor` says about packets, of a simulated board behind a network on virtual time. The truth is
-//! what the network did.
+//! What `mesa doctor` says about packets, of a simulated board behind a network on virtual time.
+//! The truth is what the network did.
 
 use std::cell::Cell;
 use std::rc::Rc;

@@ -1,4 +1,5 @@
-//! The wiring check of switches, at the terminals of a simulated 7I77: what an operator does, and what is said.
+//! The wiring check of switches, at the terminals of a simulated 7I77: what an operator does, and
+//! what is said.
 
 use mesa_hal::bus::Clock;
 use mesa_hal_sim::SimFpga;

@@ -42,8 +42,7 @@ pub enum BusError {
     },
     /// The reply came, but after the deadline.
     #[error(
-        "request {request}: the reply came after {}, {} too late; \
-         the host was busy with something else, or the network is",
+        "request {request}: the reply came after {}, {} too late",
         Rounded(.waited),
         Rounded(.by)
     )]
@@ -57,8 +56,7 @@ pub enum BusError {
     },
     /// Only replies to earlier requests arrived.
     #[error(
-        "request {request}: within {} came only the reply to request {got}; \
-         the network delays packets by more than the deadline",
+        "request {request}: within {} only the reply to request {got} came",
         Rounded(.waited)
     )]
     Stale {
@@ -71,7 +69,7 @@ pub enum BusError {
     },
     /// An exchange was repeated, and none of its tries got a reply in time.
     #[error(
-        "request {request}: no reply in time in {tries} tries within {}, at the last {last}",
+        "request {request}: no reply in time in {tries} tries within {}, the last: {last}",
         Rounded(.within)
     )]
     GaveUp {
@@ -101,7 +99,7 @@ pub enum BusError {
     },
     /// Only replies of a wrong size arrived.
     #[error(
-        "request {request}: within {} came only a reply of {got} bytes, expected {expected}",
+        "request {request}: within {} only a reply of {got} bytes came, expected {expected}",
         Rounded(.waited)
     )]
     Short {
@@ -116,8 +114,7 @@ pub enum BusError {
     },
     /// The board receives packets that are not ours.
     #[error(
-        "another program or host drives this board: within {} it received {packets} packets that are \
-         not ours",
+        "another program or host drives this board: {packets} foreign packets within {}",
         Rounded(.within)
     )]
     OtherHost {
@@ -136,7 +133,7 @@ pub enum BusError {
     },
     /// A board on the PCI bus does not answer any more: its registers read as all ones.
     #[error(
-        "{board}: the board has vanished: its registers read as all ones, and the cookie as {cookie:08X}"
+        "{board}: the board does not answer: its registers read as all ones, the cookie as {cookie:08X}"
     )]
     Vanished {
         /// Address of the board.
@@ -179,7 +176,7 @@ pub enum BusError {
     #[error("the list was prepared by a bus of another type")]
     OtherBus,
     /// The reply was requested of a list that was not started, or another list was run since.
-    #[error("there is no reply to this list")]
+    #[error("the list was not started, or another one was run since")]
     NotStarted,
     /// The limit of the hold exceeds the longest time that a board can wait.
     #[error(
@@ -258,7 +255,7 @@ impl MesaError for BusError {
             Self::OtherBus => advice::PREPARE_LIST,
             Self::NotStarted => advice::START_LIST,
             Self::LongHold { .. } => advice::SHORTEN_PERIOD,
-            Self::Custom(error) => return error.advice,
+            Self::Custom(error) => return error.advice(),
             Self::BadAccess { .. } | Self::Injected { .. } => return None,
         })
     }
@@ -272,10 +269,10 @@ pub enum LinkError {
     #[error("no program listens at this address and port (a board listens at 27181)")]
     Refused,
     /// There is no route to the address.
-    #[error("no way to this address")]
+    #[error("no route to this address")]
     Unreachable,
     /// The firewall of this computer refuses to send.
-    #[error("this computer lets no packets out to this address")]
+    #[error("the firewall of this computer blocks packets to this address")]
     Blocked,
     /// Another error of the operating system.
     #[error("the operating system reports{}", OfSystem(*.0))]
@@ -308,7 +305,7 @@ impl MesaError for LinkError {
             Self::Unreachable => Some(advice::CHECK_INTERFACE),
             Self::Blocked => Some(advice::OPEN_FIREWALL),
             Self::System(_) => None,
-            Self::Custom(error) => error.advice,
+            Self::Custom(error) => error.advice(),
         }
     }
 }
@@ -370,7 +367,8 @@ pub struct CustomError {
     kind: BusErrorKind,
     text: &'static str,
     code: Option<u32>,
-    advice: Option<Advice>,
+    /// A reference, so that errors stay small.
+    advice: Option<&'static Advice>,
 }
 
 impl CustomError {
@@ -395,7 +393,7 @@ impl CustomError {
 
     /// Sets the next step, which [`MesaError::advice`] returns.
     #[must_use]
-    pub const fn advising(self, advice: Advice) -> Self {
+    pub const fn advising(self, advice: &'static Advice) -> Self {
         Self {
             advice: Some(advice),
             ..self
@@ -420,7 +418,7 @@ impl CustomError {
 
 impl MesaError for CustomError {
     fn advice(&self) -> Option<Advice> {
-        self.advice
+        self.advice.copied()
     }
 }
 
@@ -464,13 +462,13 @@ pub enum BusErrorKind {
 impl fmt::Display for BusErrorKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
-            Self::Late => "the reply came after the deadline",
-            Self::Lost => "no reply came",
-            Self::Stale => "only a reply to an earlier request came",
-            Self::Refused => "somebody is there and refuses",
-            Self::Unreachable => "there is no way to the board",
-            Self::Short => "the reply has not the size that was asked for",
-            Self::Invalid => "the access list does not fit",
+            Self::Late => "late reply",
+            Self::Lost => "no reply",
+            Self::Stale => "only a reply to an earlier request",
+            Self::Refused => "no program listens at the address",
+            Self::Unreachable => "no route to the board",
+            Self::Short => "reply of the wrong size",
+            Self::Invalid => "invalid access list",
             Self::Occupied => "another program or host drives the board",
             Self::Device => "the board reported an error",
             Self::Other => "the bus failed",

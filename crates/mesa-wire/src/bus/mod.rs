@@ -428,7 +428,8 @@ pub trait RegisterBus {
     /// no word of the buffer that a read names has changed.
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError>;
 
-    /// Checks a list against the limits of the bus and encodes it. The provided method does neither.
+    /// Checks a list against the limits of the bus and encodes it. The provided method does
+    /// neither.
     ///
     /// `hold` may only be given to a bus that [supports it](Self::can_hold).
     fn prepare(

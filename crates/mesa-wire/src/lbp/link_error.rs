@@ -19,8 +19,12 @@ use crate::{Advice, MesaError};
 /// assert_eq!(error.to_string(), "the bridge got no reply");
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{text}")]
-pub struct RemoteLinkError {
+#[error("{}", .0.text)]
+pub struct RemoteLinkError(Box<Details>);
+
+/// In a box, so that errors that contain one stay small.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Details {
     kind: RemoteLinkErrorKind,
     text: Box<str>,
     advice: Option<Advice>,
@@ -50,27 +54,28 @@ pub enum RemoteLinkErrorKind {
 impl RemoteLinkError {
     /// A failure in the words of the line.
     pub fn new(kind: RemoteLinkErrorKind, text: impl fmt::Display) -> Self {
-        Self {
+        Self(Box::new(Details {
             kind,
             text: text.to_string().into(),
             advice: None,
-        }
+        }))
     }
 
     /// Sets the next step, which [`MesaError::advice`] returns.
     #[must_use]
-    pub fn advising(self, advice: Option<Advice>) -> Self {
-        Self { advice, ..self }
+    pub fn advising(mut self, advice: Option<Advice>) -> Self {
+        self.0.advice = advice;
+        self
     }
 
     /// The kind of failure.
-    pub const fn kind(&self) -> RemoteLinkErrorKind {
-        self.kind
+    pub fn kind(&self) -> RemoteLinkErrorKind {
+        self.0.kind
     }
 
     /// The failure after which a non-volatile memory stays selected. A failed bus remains one.
     pub(super) fn still_selected(self) -> Self {
-        if let RemoteLinkErrorKind::Bus(_) = self.kind {
+        if let RemoteLinkErrorKind::Bus(_) = self.kind() {
             return self;
         }
         let text = format!("access to non-volatile memory could not be switched off ({self})");
@@ -89,7 +94,7 @@ impl RemoteLinkError {
 
 impl MesaError for RemoteLinkError {
     fn advice(&self) -> Option<Advice> {
-        self.advice
+        self.0.advice
     }
 }
 

@@ -2,16 +2,14 @@
 
 use alloc::{vec, vec::Vec};
 
-use super::{AccessSize, LocalLocation, MemoryAddress, RemoteAccess, crc8};
+use super::{AccessSize, LocalLocation, MemoryAddress, RemoteAccess, advice, crc8};
 
 /// An invalid reply to a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LbpError {
     /// The reply is shorter or longer than the command's reply.
-    #[error(
-        "reply to command {command:02X} has {actual} bytes, expected {expected}; check wiring, and that the size in the discovery answer is that of the current mode"
-    )]
+    #[error("reply to command {command:02X} has {actual} bytes, expected {expected}")]
     ReplyLength {
         /// The command byte.
         command: u8,
@@ -21,9 +19,7 @@ pub enum LbpError {
         actual: usize,
     },
     /// The reply's CRC is wrong.
-    #[error(
-        "reply to command {command:02X} has CRC {actual:02X}, its data gives {expected:02X}; check cable, termination and shield"
-    )]
+    #[error("reply to command {command:02X} has CRC {actual:02X}, its data gives {expected:02X}")]
     ReplyCrc {
         /// The command byte.
         command: u8,
@@ -34,7 +30,14 @@ pub enum LbpError {
     },
 }
 
-impl crate::MesaError for LbpError {}
+impl crate::MesaError for LbpError {
+    fn advice(&self) -> Option<crate::Advice> {
+        Some(match self {
+            Self::ReplyLength { .. } => advice::CHECK_REPLY_SIZE,
+            Self::ReplyCrc { .. } => advice::CHECK_TERMINATION,
+        })
+    }
+}
 
 /// Command byte of the discovery RPC; its reply is a [`DiscoveryReply`].
 ///
@@ -113,7 +116,8 @@ impl Request {
         Self::new(body, reply_len)
     }
 
-    /// A request of any bytes, to which the CRC is appended; the reply has `reply_len` bytes of data.
+    /// A request of any bytes, to which the CRC is appended; the reply has `reply_len` bytes of
+    /// data.
     pub fn new(mut body: Vec<u8>, reply_len: usize) -> Self {
         body.push(crc8(&body));
         Self {

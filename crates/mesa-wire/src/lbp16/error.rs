@@ -1,22 +1,20 @@
 //! Errors of building and decoding LBP16 bytes.
 
-use super::Space;
+use super::{Space, advice};
+use crate::{Advice, MesaError};
 
 /// An invalid command, packet, or description of a space.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Lbp16Error {
     /// A command for no element, or for more than its count field holds.
-    #[error("a command for {count} elements; 1 to 127 are possible, use several commands")]
+    #[error("a command for {count} elements, expected 1 to 127")]
     Count {
         /// Number requested.
         count: u8,
     },
     /// The data does not have the length that the command announces.
-    #[error(
-        "{found} bytes of data for a command that writes {expected}; give its count times the \
-         size of its elements"
-    )]
+    #[error("{found} bytes of data for a command that writes {expected}")]
     DataLength {
         /// Bytes that the command announces.
         expected: usize,
@@ -25,8 +23,7 @@ pub enum Lbp16Error {
     },
     /// The request ends within a command.
     #[error(
-        "byte {offset}: {found} byte{} left of the {expected} of {what}; was the packet cut off, or \
-         is the count of this command too large, or that of the one before too small?",
+        "byte {offset}: {found} byte{} left of the {expected} of {what}",
         if *found == 1 { "" } else { "s" }
     )]
     CutOff {
@@ -40,9 +37,7 @@ pub enum Lbp16Error {
         found: usize,
     },
     /// The command word is invalid.
-    #[error(
-        "byte {offset}: command 0x{word:04X} is for 0 elements; ask for 1 to 127, or leave it out"
-    )]
+    #[error("byte {offset}: command 0x{word:04X} is for 0 elements, expected 1 to 127")]
     BadCommand {
         /// Offset of the command in the request.
         offset: usize,
@@ -50,10 +45,7 @@ pub enum Lbp16Error {
         word: u16,
     },
     /// The space has no info area.
-    #[error(
-        "info area of space {space} with cookie 0x{found:04X}, expected 0x{expected:04X}; \
-         this firmware does not have the space, or this is no Mesa board"
-    )]
+    #[error("info area of space {space} with cookie 0x{found:04X}, expected 0x{expected:04X}")]
     Cookie {
         /// The space.
         space: Space,
@@ -64,4 +56,14 @@ pub enum Lbp16Error {
     },
 }
 
-impl crate::MesaError for Lbp16Error {}
+impl MesaError for Lbp16Error {
+    fn advice(&self) -> Option<Advice> {
+        Some(match self {
+            Self::Count { .. } => advice::USE_SEVERAL_COMMANDS,
+            Self::DataLength { .. } => advice::GIVE_MATCHING_DATA,
+            Self::CutOff { .. } => advice::CHECK_COUNTS,
+            Self::BadCommand { .. } => advice::LEAVE_COMMAND_OUT,
+            Self::Cookie { .. } => advice::CHECK_SPACE,
+        })
+    }
+}

@@ -11,6 +11,7 @@
 // Runs in the cycle, where an overflow must not panic.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
+pub mod advice;
 mod answered;
 mod builder;
 mod command;

@@ -157,7 +157,7 @@ fn a_refused_period_drives_nothing_and_is_repeated() {
 #[test]
 fn a_refused_period_is_said_in_the_words_of_hal() {
     for (micros, watchdog_ns, about) in [
-        (20, 5_000_000, "port 0 needs up to "),
+        (20, 5_000_000, "port 0: a transfer takes up to "),
         (2_000, 3_000_000, "set watchdog.timeout_ns; then set "),
         (
             900_000,

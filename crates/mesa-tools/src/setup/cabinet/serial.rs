@@ -8,7 +8,6 @@ use mesa_hal::discovery::{DataRecord, Discovery, DiscoveryOptions};
 use mesa_hal::hal::AnyValue;
 use mesa_hal::lbp::{RemoteAccess, RemoteLink};
 use mesa_hal::remote::ParameterError;
-use mesa_hal::{Advice, MesaError};
 
 /// The remote on a serial port, with its description.
 #[derive(Debug)]
@@ -18,22 +17,6 @@ pub struct SerialCabinet<P> {
     pub remote: SerialRemote,
     /// Result of the discovery.
     pub found: Discovery,
-}
-
-/// Error of an access to a parameter of the remote on a serial port.
-#[derive(Debug, thiserror::Error)]
-#[error("{name}: {source}")]
-pub struct SerialCabinetError {
-    /// Name of the parameter, or the access.
-    pub name: Box<str>,
-    /// The cause.
-    pub source: ParameterError,
-}
-
-impl MesaError for SerialCabinetError {
-    fn advice(&self) -> Option<Advice> {
-        self.source.advice()
-    }
 }
 
 impl<P: Read + Write> SerialCabinet<P> {
@@ -70,7 +53,7 @@ impl<P: Read + Write> Cabinet for SerialCabinet<P> {
         let value = record.and_then(|record| record.read_parameter(&mut self.host));
         value.map(|value| value.raw).map_err(|source| {
             let name = name.into();
-            SerialCabinetError { name, source }.into()
+            CabinetError::Serial { name, source }
         })
     }
 
@@ -84,7 +67,7 @@ impl<P: Read + Write> Cabinet for SerialCabinet<P> {
         let written = record.and_then(|record| record.write_parameter(&mut self.host, value));
         written.map_err(|source| {
             let name = name.into();
-            SerialCabinetError { name, source }.into()
+            CabinetError::Serial { name, source }
         })
     }
 
@@ -92,7 +75,7 @@ impl<P: Read + Write> Cabinet for SerialCabinet<P> {
         self.host.exchange(access).map_err(|error| {
             let name = access.to_string().into();
             let source = ParameterError::Link(error);
-            SerialCabinetError { name, source }.into()
+            CabinetError::Serial { name, source }
         })
     }
 }

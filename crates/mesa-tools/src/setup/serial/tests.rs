@@ -6,6 +6,7 @@ use std::io;
 use super::*;
 use crate::setup::FirmwareFile;
 use crate::setup::update::{UpdateError, UpdatePlan, UpdateProgress, UpdateStep};
+use mesa_hal::MesaError;
 use mesa_hal::lbp::{AccessSize, MemoryAddress};
 use mesa_hal_sim::devices::{Device, FieldIo, Outputs48, SimDevice, World};
 use mesa_hal_sim::remote::{SimRemote, firmware_file};
@@ -147,11 +148,11 @@ fn a_reply_that_is_lost_damaged_or_too_long_is_asked_for_again() {
 fn errors_say_what_to_do() {
     let mut host = host_on(Line::new());
     host.port.remote.inject().bad_crc = 100;
-    let error = host.identify().unwrap_err().to_string();
+    let error = host.identify().unwrap_err().with_advice().to_string();
     assert!(error.contains("baud rate"), "{error}");
     host.port.remote.inject().bad_crc = 0;
     host.port.remote.set_power(0, false);
-    let error = host.identify().unwrap_err().to_string();
+    let error = host.identify().unwrap_err().with_advice().to_string();
     for hint in ["power", "setup mode", "115200", "swapped", "3 times"] {
         assert!(error.contains(hint), "{error}");
     }

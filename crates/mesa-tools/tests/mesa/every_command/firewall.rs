@@ -53,10 +53,7 @@ fn linuxcnc_that_keeps_the_board_for_itself_is_named_and_the_network_is_left_as_
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     let (blocked, free) = text.split_once("=== free\n").expect("both");
     for part in blocked.split("== ").skip(1) {
-        assert!(
-            part.contains("lets no packets out to this address"),
-            "{part}"
-        );
+        assert!(part.contains("blocks packets to this address"), "{part}");
         assert!(
             part.contains("LinuxCNC on this computer keeps its board for itself: end it"),
             "{part}"
@@ -66,7 +63,7 @@ fn linuxcnc_that_keeps_the_board_for_itself_is_named_and_the_network_is_left_as_
             "{part}"
         );
         assert!(!part.contains("ip addr add"), "{part}");
-        assert!(!part.contains("no way to"), "{part}");
+        assert!(!part.contains("no route to"), "{part}");
     }
     assert_eq!(blocked.matches("== ").count(), 4, "{blocked}");
     // Without the rules LinuxCNC is not named as the cause.

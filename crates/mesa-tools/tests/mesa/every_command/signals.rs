@@ -13,7 +13,8 @@ use crate::interop::{Process, Scratch, wait_until};
 use crate::run::{Run, command};
 use crate::terminal::Terminal;
 
-/// Longest time from a signal to the end of a command: 0.9 s of missing replies, and a busy computer.
+/// Longest time from a signal to the end of a command: 0.9 s of missing replies, and a busy
+/// computer.
 const SOON: Duration = Duration::from_secs(2);
 
 /// Time in which a command notices that replies are missing.
@@ -182,8 +183,8 @@ fn each_command_ends_soon_after_a_signal_while_replies_are_missing() {
         csv.path(),
         "--yes",
     ];
-    // After how many packets the network becomes bad: a board has answered 40 long before the end of
-    // those commands.
+    // After how many packets the network becomes bad: a board has answered 40 long before the end
+    // of those commands.
     let commands: &[(u64, &[&str])] = &[
         (40, &["info"]),
         (0, &["info"]),

@@ -23,7 +23,8 @@ pub const CONFIG: &str = "sserial_port_0=000xxxxx";
 /// Time limit for a change on one side to arrive at the other on a busy machine.
 pub const SETTLE: Duration = Duration::from_secs(5);
 
-/// Watchdog time of a remote, ms, that a busy machine leaves alone. Each attempt to set it adds one.
+/// Watchdog time of a remote, ms, that a busy machine leaves alone. Each attempt to set it adds
+/// one.
 const PATIENCE: u32 = 1000;
 
 /// Starts of a serial port: a single late packet spoils one, and on a busy computer many are late.
@@ -237,8 +238,8 @@ impl Machine {
         self.power_up(remotes);
     }
 
-    /// Starts the port until the remotes have longer watchdog times, because a late packet can prevent
-    /// the write, then power-cycles the remotes, which makes the times effective.
+    /// Starts the port until the remotes have longer watchdog times, because a late packet can
+    /// prevent the write, then power-cycles the remotes, which makes the times effective.
     fn power_up(&mut self, remotes: &[&str]) {
         let channels = remotes
             .iter()

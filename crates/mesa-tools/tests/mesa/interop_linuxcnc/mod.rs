@@ -222,8 +222,8 @@ fn cycles(before: &Values, after: &Values) -> f64 {
     (packets(after) - packets(before)) / 2.0
 }
 
-/// `mesa-hal`'s driver for the same machine, with the words of LinuxCNC's configuration, has the same
-/// pins and parameters, with the same values.
+/// `mesa-hal`'s driver for the same machine, with the words of LinuxCNC's configuration, has the
+/// same pins and parameters, with the same values.
 fn compare_names(machine: &mut Machine, prefix: &str, ours: SimFpga) {
     let settings = Config::parse(linuxcnc::CONFIG)
         .expect("words of LinuxCNC")

@@ -109,8 +109,8 @@ fn check_emergency_stop(machine: &mut Machine, drives: Drives) {
     machine.expect_signal("estop-ok", is("FALSE"));
 }
 
-/// A card that is pulled stops its port, as hostmot2 does it, and that the machine, until the port is switched
-/// off and on as board.hal says.
+/// A card that is pulled stops its port, as hostmot2 does it, and that the machine, until the port
+/// is switched off and on as board.hal says.
 fn check_pulled_card(machine: &mut Machine) {
     press(machine, "estop.reset", "estop-ok");
     let port = "hm2_7i92.0.sserial.port-0";
@@ -187,8 +187,8 @@ fn all_of_linuxcnc_runs_with_what_is_written_of_a_7i97() {
     machine.stop();
 }
 
-/// Every prepared line at once: the emergency stop's input, drive enables, switches, spindle, coolant,
-/// probe, handwheel.
+/// Every prepared line at once: the emergency stop's input, drive enables, switches, spindle,
+/// coolant, probe, handwheel.
 #[test]
 fn prepared_lines_of_a_7i97_work_where_they_stand() {
     prepared_lines_work(

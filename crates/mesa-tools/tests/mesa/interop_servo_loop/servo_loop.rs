@@ -1,16 +1,16 @@
 //! The servo loop over Ethernet in real use: two programs, real sockets, the clock. On both boards,
 //! at the host's pace and at the board's.
 //!
-//! Where the user may have no realtime priority, a busy computer is late: then the loops are repeated
-//! with longer periods.
-//! `tests/ethernet/bad_network.rs` verifies on virtual time that every packet fault is counted and
-//! none reaches a pin.
+//! Where the user may have no realtime priority, a busy computer is late: then the loops are
+//! repeated with longer periods. `tests/ethernet/bad_network.rs` verifies on virtual time that
+//! every packet fault is counted and none reaches a pin.
 
 use std::net::Ipv4Addr;
 
 use crate::interop::{board::Board, example, realtime};
 
-/// Rate in Hz and time of the watchdog in ms of each run: loops may fail because the computer is busy.
+/// Rate in Hz and time of the watchdog in ms of each run: loops may fail because the computer is
+/// busy.
 const TRIES: [[&str; 2]; 5] = [
     ["1000", "50"],
     ["1000", "50"],
@@ -47,8 +47,8 @@ fn holds(address: Ipv4Addr, board: &[&str], arguments: &[&str]) -> String {
     );
 }
 
-/// The sum of the numbers before `what` in the line of packets: of reads, and of writes where it has
-/// both.
+/// The sum of the numbers before `what` in the line of packets: of reads, and of writes where it
+/// has both.
 fn count(printed: &str, what: &str) -> u32 {
     let line = printed.lines().find(|line| line.starts_with("Packets:"));
     let parts: Vec<_> = line.expect("a line").split(what).collect();

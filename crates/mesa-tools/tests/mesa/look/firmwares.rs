@@ -12,8 +12,9 @@ fn image(name: &str) -> String {
     format!("{directory}/{name}.txt")
 }
 
-/// The image has a galvanometer interface at I/O pins 6 to 9 and 14, beside modules that are driven.
-const MIRRORS: &str = "XY2Mod (2B) version 0, 1 instance: this crate does not drive it; I/O pins 6-9, 14 are \
+/// The image has a galvanometer interface at I/O pins 6 to 9 and 14, beside modules that are
+/// driven.
+const MIRRORS: &str = "XY2Mod (2B) version 0, 1 instance: the driver does not support it; I/O pins 6-9, 14 are \
     plain I/O";
 
 #[test]

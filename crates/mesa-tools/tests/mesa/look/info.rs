@@ -265,7 +265,7 @@ fn arguments_that_make_no_sense_are_said_and_not_ignored() {
         (
             &["--sim", SIM, "--mode", "0.7=1"],
             1,
-            "no channel 7 on serial port 0, which has 3",
+            "channel 7 of serial port 0 does not exist: the port has 3",
         ),
         (
             &["--sim", SIM, "--mode", "0.0=77"],
@@ -275,7 +275,7 @@ fn arguments_that_make_no_sense_are_said_and_not_ignored() {
         (
             &["--sim", SIM, "--mode", "2.0=1"],
             1,
-            "no serial port 2, the firmware has 1",
+            "serial port 2 does not exist: the firmware has 1",
         ),
     ] {
         let output = info(arguments);

@@ -9,7 +9,8 @@ use crate::run::{Run, command, done, json, run};
 fn registers_of_each_space_are_read_in_their_own_size() {
     let text = done(&["peek", "0:0x100", "--sim", "7i97"]);
     assert_eq!(text, "0:0x0100  0x55AACAFE  1437256446\n");
-    // Manual: 7I97, "SPACE 7: LBP READ ONLY AREA": the card's name, and the version of the firmware.
+    // Manual: 7I97, "SPACE 7: LBP READ ONLY AREA": the card's name, and the version of the
+    // firmware.
     let text = done(&["peek", "7:0", "2", "--sim", "7i97"]);
     assert_eq!(text, "7:0x0000  0x4937  18743\n7:0x0002  0x3739  14137\n");
     let value = json(&["peek", "7:0x12", "--sim", "7i97"]);

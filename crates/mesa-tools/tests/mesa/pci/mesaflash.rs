@@ -1,13 +1,13 @@
-//! mesaflash finds a simulated board, and reads its identification: the files of the board are those
-//! that the kernel makes. Its flash commands need registers that answer, which memory cannot.
+//! mesaflash finds a simulated board, and reads its identification: the files of the board are
+//! those that the kernel makes. Its flash commands need registers that answer, which memory cannot.
 
 use std::process::{Command, Stdio};
 
 use super::PciBoard;
 use crate::interop::tools::{has_program, skip};
 
-/// In a mount namespace: the files of the board in the place of the kernel's, and a copy of its memory
-/// at its address in the place of `/dev/mem`.
+/// In a mount namespace: the files of the board in the place of the kernel's, and a copy of its
+/// memory at its address in the place of `/dev/mem`.
 const SCRIPT: &str = r#"
 set -eu
 device=$1/bus/pci/devices/0000:05:00.0

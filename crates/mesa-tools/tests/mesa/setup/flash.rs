@@ -339,7 +339,7 @@ fn the_user_area_is_written_only_beside_a_fallback_unless_that_is_allowed() {
     for arguments in [&write[..], &[&write[..], &["--dry-run"]].concat()] {
         let refused = run(arguments);
         assert_eq!(refused.code, Some(1), "{refused:?}");
-        for said in ["there is no fallback at 0x010000", "--without-fallback"] {
+        for said in ["no fallback at 0x010000", "--without-fallback"] {
             assert!(refused.err.contains(said), "{said}: {refused:?}");
         }
     }
@@ -427,8 +427,8 @@ fn assert_names_the_state(ended: &Run) {
     }
 }
 
-/// A signal does not cut off a write. Where the board does not answer any more after it, the state of
-/// the memory is named.
+/// A signal does not cut off a write. Where the board does not answer any more after it, the state
+/// of the memory is named.
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
 fn a_signal_and_then_silence_ends_a_write_with_the_state_of_the_memory() {

@@ -158,8 +158,8 @@ fn the_given_axes_have_joints_and_no_other_output_has_one() {
     assert_eq!(run(&["hal", "--sim", "7i97", "--axes", "XQ"]).code, Some(2));
 }
 
-/// No line of the two files names a signal or a pin that is not there yet, and each input and output is
-/// used once.
+/// No line of the two files names a signal or a pin that is not there yet, and each input and
+/// output is used once.
 #[test]
 fn prepared_lines_use_each_terminal_once() {
     for (machine, axes) in [
@@ -187,8 +187,8 @@ fn prepared_lines_use_each_terminal_once() {
     }
 }
 
-/// Inputs that keep their last value while a card is pulled, and positions that a fault has spoilt, stop
-/// the machine: only this project's driver knows of them.
+/// Inputs that keep their last value while a card is pulled, and positions that a fault has spoilt,
+/// stop the machine: only this project's driver knows of them.
 #[test]
 fn validity_of_every_card_is_in_the_chain_of_mesa_eth() {
     let arguments = ["hal", "--sim", "7i92-7i77,2=7i72", "--axes", "XYZ"];

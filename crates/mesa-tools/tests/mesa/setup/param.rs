@@ -94,7 +94,7 @@ fn what_can_not_be_read_or_written_is_refused_with_the_reason() {
             "-1 does not fit: allowed is 0 to 65535",
         ),
         (&["set", "nvbaudrate", "nine", "--yes"], 2, "no number"),
-        (&["set", "swrevision", "1", "--yes"], 1, "only be read"),
+        (&["set", "swrevision", "1", "--yes"], 1, "read-only"),
         (
             &["restore", "/nowhere/at/all.json"],
             2,

@@ -87,8 +87,8 @@ impl Asks {
         board.map_or(Ok(()), Found::check_free)
     }
 
-    /// As [`consent`](Self::consent), to a change of the board or its remotes that a signal does not
-    /// interrupt from then on.
+    /// As [`consent`](Self::consent), to a change of the board or its remotes that a signal does
+    /// not interrupt from then on.
     pub fn consent_to_change(
         self,
         context: &Context,

@@ -32,9 +32,9 @@ impl SocketLink {
         }
     }
 
-    /// Receives a datagram. A board that does not answer after a signal is soon waited for no longer
-    /// than it needs for an answer, and at last not at all, so that a step of many exchanges ends soon
-    /// as well.
+    /// Receives a datagram. A board that does not answer after a signal is soon waited for no
+    /// longer than it needs for an answer, and at last not at all, so that a step of many exchanges
+    /// ends soon as well.
     fn receive(
         &mut self,
         buffer: &mut [u8],

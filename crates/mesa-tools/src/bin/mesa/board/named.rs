@@ -42,8 +42,8 @@ fn takes_part<'a>(
     })
 }
 
-/// Finds an output by its name as [`find`], or by its terminal or signal. Of several pins there only
-/// those count that [`can_be_set`]; fails if more than one is left.
+/// Finds an output by its name as [`find`], or by its terminal or signal. Of several pins there
+/// only those count that [`can_be_set`]; fails if more than one is left.
 pub fn find_output(pins: &Pins, missing: &[Remark], text: &str) -> Result<PinId, Failure> {
     let by_name = match find(pins, missing, text) {
         Ok(pin) => return Ok(pin),
@@ -91,7 +91,8 @@ fn no_output(pins: &Pins, typed: &Typed) -> Option<Failure> {
     Some(Failure::usage(what).advising(&advice))
 }
 
-/// Refusal of a terminal that no pin has. Remotes that answer without taking part may be the reason.
+/// Refusal of a terminal that no pin has. Remotes that answer without taking part may be the
+/// reason.
 fn no_terminal(missing: &[Remark], text: &str) -> Result<PinId, Failure> {
     let missing = missing.iter().filter(|remark| !remark.is_silent());
     let missing: Vec<String> = missing.map(|remark| told(remark)).collect();

@@ -30,7 +30,8 @@ pub fn on_card(info: &PinInfo) -> String {
     }
 }
 
-/// The terminals of several pins, card by card: `TB8 pin 17, 18 of 7i77.0.0; TB2 pin 1 of 7i77.0.1`.
+/// The terminals of several pins, card by card: `TB8 pin 17, 18 of 7i77.0.0; TB2 pin 1 of
+/// 7i77.0.1`.
 pub fn on_cards<'a>(infos: impl Iterator<Item = &'a PinInfo>) -> String {
     let mut cards: Vec<(String, Vec<Place>)> = Vec::new();
     for info in infos {
@@ -121,8 +122,8 @@ impl Typed {
         !self.place.is_empty() && fits && self.card.as_ref().is_none_or(is_here)
     }
 
-    /// True if a pin has a signal of the same letters, some of which may be left out at the end: `OUT0`
-    /// is like `OUTPUT0`.
+    /// True if a pin has a signal of the same letters, some of which may be left out at the end:
+    /// `OUT0` is like `OUTPUT0`.
     pub fn is_alike(&self, info: &PinInfo) -> bool {
         let own = letters_of(&self.place);
         let is_like = |signal: &str| {

@@ -1,5 +1,5 @@
-//! Completion of values in a shell: machines for `--sim`, and the pins, terminals and signals of the
-//! machine on the line. Nothing is sent to a board.
+//! Completion of values in a shell: machines for `--sim`, and the pins, terminals and signals of
+//! the machine on the line. Nothing is sent to a board.
 
 use std::collections::BTreeSet;
 use std::ffi::{OsStr, OsString};

@@ -12,8 +12,8 @@ use crate::ui::output::say;
 
 /// Print the completions of a shell
 ///
-/// The script asks `mesa` for the candidates: commands, options, files, the machines of `--sim`, and
-/// the pins, terminals and signals of a simulated machine on the line. No board is asked.
+/// The script asks `mesa` for the candidates: commands, options, files, the machines of `--sim`,
+/// and the pins, terminals and signals of a simulated machine on the line. No board is asked.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Print it again after an update of mesa.

@@ -55,8 +55,8 @@ pub struct Peek {
     /// Read again and again, with this time in between: 50ms to 3600s, as 100ms or 2s
     #[arg(long, value_name = "TIME", value_parser = look::parse_every)]
     every: Option<Duration>,
-    /// Read any register, also where a read changes something, as fast as possible. Fails if another
-    /// program drives the board
+    /// Read any register, also where a read changes something, as fast as possible. Fails if
+    /// another program drives the board
     #[arg(long, conflicts_with = "every", requires = "selection")]
     any: bool,
 }

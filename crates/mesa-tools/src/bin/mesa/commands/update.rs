@@ -142,7 +142,7 @@ impl Update {
                 let device = self.target.line.serial.as_deref().unwrap_or_default();
                 let remote = host.identify();
                 let remote = remote.map_err(|error| {
-                    Failure::refused(format_args!("{device}: {}", told(&error)))
+                    Failure::of(&error, format_args!("{device}: {}", told(&error)))
                 })?;
                 let card = Card {
                     place: RemotePlace::Serial,
@@ -165,7 +165,7 @@ impl Update {
         let contents = files::read(&self.file, MAX_BYTES).map_err(Failure::usage)?;
         let name = self.file.file_name().unwrap_or_default().to_string_lossy();
         let firmware = FirmwareFile::new(&name, contents, self.card);
-        firmware.map_err(|error| Failure::refused(format_args!("{path}: {error}")))
+        firmware.map_err(|error| Failure::of(&error, format_args!("{path}: {}", told(&error))))
     }
 
     fn over_board(

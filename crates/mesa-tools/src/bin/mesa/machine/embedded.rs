@@ -27,8 +27,8 @@ pub enum Passage {
     /// computation.
     #[default]
     Virtual,
-    /// Virtual time that does not run ahead of the host's clock, for a person who watches. On a busy
-    /// host it lags, and no packet is late.
+    /// Virtual time that does not run ahead of the host's clock, for a person who watches. On a
+    /// busy host it lags, and no packet is late.
     Paced,
     /// The host's clock: the lateness of this program is real. Pauses of more than 20 ms are not
     /// the machine's, whose remotes would take them for a broken cable.

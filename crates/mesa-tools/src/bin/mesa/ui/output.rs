@@ -34,8 +34,8 @@ pub fn say(text: impl Display) {
     printed(done.and_then(|()| out.flush()));
 }
 
-/// Columns of the output, if it is a terminal of at least 40. Unlike crossterm's function, it starts
-/// no program where there is no terminal.
+/// Columns of the output, if it is a terminal of at least 40. Unlike crossterm's function, it
+/// starts no program where there is no terminal.
 fn width(output: impl AsFd) -> Option<usize> {
     let width = tcgetwinsize(output).ok()?.ws_col;
     (width >= 40).then_some(width.into())

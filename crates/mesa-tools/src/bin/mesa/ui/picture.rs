@@ -52,7 +52,8 @@ pub fn tick(number: f64) -> String {
     }
 }
 
-/// Breaks a text at spaces into lines of at most `width` characters; a longer word has its own line.
+/// Breaks a text at spaces into lines of at most `width` characters; a longer word has its own
+/// line.
 pub fn lines(text: &str, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split(' ') {

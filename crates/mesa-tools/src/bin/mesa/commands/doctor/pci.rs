@@ -112,7 +112,8 @@ fn median(bus: &mut Bus, exchanges: u32, access: Access, word: u32) -> Result<Du
 }
 
 impl PciFacts {
-    /// Reads the data. The write that is measured changes nothing: the flash memory stays not selected.
+    /// Reads the data. The write that is measured changes nothing: the flash memory stays not
+    /// selected.
     pub fn gather(bus: &mut Bus, device: &PciDevice) -> Result<Self, Failure> {
         let path = device.path();
         let names = [

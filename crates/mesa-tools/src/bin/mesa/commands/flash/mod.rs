@@ -177,8 +177,8 @@ impl Verify {
 }
 
 impl Verify {
-    /// The failure of a comparison, with what is in the area instead: another configuration, nothing, or
-    /// this one with damage.
+    /// The failure of a comparison, with what is in the area instead: another configuration,
+    /// nothing, or this one with damage.
     fn difference(
         &self,
         flash: &mut Chip<BoardChip<'_>>,

@@ -343,8 +343,8 @@ fn ports(board: &Configured<Bus>) -> Result<(BTreeMap<u8, String>, Vec<String>),
     Ok((ports.collect(), remotes))
 }
 
-/// Pairs of the first encoder and the first analog output, the second ones, and so on; then the step
-/// generators.
+/// Pairs of the first encoder and the first analog output, the second ones, and so on; then the
+/// step generators.
 fn joints(board: &Configured<Bus>, pins: &[PinInfo]) -> Vec<Joint> {
     let of_fpga = format!("{}.encoder.", board.name());
     let encoders = pins.iter().filter_map(|pin| {

@@ -46,8 +46,8 @@ pub struct Hal {
     target: Target,
     #[command(flatten)]
     modes: Modes,
-    /// The axes, a letter for each joint in the order of the outputs: XYZ, or XYYZ for two motors on
-    /// one axis. Default: every output that can drive an axis
+    /// The axes, a letter for each joint in the order of the outputs: XYZ, or XYYZ for two motors
+    /// on one axis. Default: every output that can drive an axis
     #[arg(long, value_name = "XYZ")]
     axes: Option<Axes>,
     /// The component of LinuxCNC that drives the board. Default: hm2_eth, or hm2_pci on the PCI bus

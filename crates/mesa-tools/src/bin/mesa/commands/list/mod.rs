@@ -144,9 +144,9 @@ impl List {
 }
 
 impl SearchResult {
-    /// The addresses of a group whose reason is of use. Where a board was found, nobody expects one at all
-    /// other addresses of a range, or at the factory addresses. That this computer has an address of a
-    /// range is no reason to change it.
+    /// The addresses of a group whose reason is of use. Where a board was found, nobody expects one
+    /// at all other addresses of a range, or at the factory addresses. That this computer has an
+    /// address of a range is no reason to change it.
     fn explained(&self, silent: &Silent) -> Vec<Ipv4Addr> {
         let is_expected = self.boards.is_empty() && !silent.is_own;
         let addresses = silent.addresses.iter().copied();

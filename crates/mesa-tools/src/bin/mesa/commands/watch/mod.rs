@@ -58,7 +58,8 @@ pub struct Watch {
     #[arg(value_parser = clap::value_parser!(u64).range(1..=10))]
     period: u64,
     /// Look at a running machine: show the values in the registers of the board beside LinuxCNC or
-    /// another program that drives it. Writes nothing. With --json one object per line, until the end
+    /// another program that drives it. Writes nothing. With --json one object per line, until the
+    /// end
     #[arg(long, conflicts_with_all = ["modes", "all", "period"])]
     passive: bool,
     /// Time between two looks with --passive: 50ms to 3600s, as 200ms or 2s

@@ -160,7 +160,8 @@ impl Pins {
         ])
     }
 
-    /// Lines about the remotes. Where the screen is too low for all, those that do not run come first.
+    /// Lines about the remotes. Where the screen is too low for all, those that do not run come
+    /// first.
     fn remotes(&self, seen: &Snapshot, width: usize, is_low: bool) -> Vec<TextLine<'static>> {
         let lines = seen.remotes().map(|remote| RemoteLine::of(&remote, seen));
         let mut lines: Vec<_> = lines.collect();

@@ -29,9 +29,9 @@ pub struct Listing {
 }
 
 impl Listing {
-    /// Pins that match a pattern, grouped by terminal block; pins without a terminal follow. Without
-    /// `is_all` parameters, inverted pins, and all pins of an encoder but its position are hidden; the
-    /// latter are shown if the pattern is for them alone.
+    /// Pins that match a pattern, grouped by terminal block; pins without a terminal follow.
+    /// Without `is_all` parameters, inverted pins, and all pins of an encoder but its position are
+    /// hidden; the latter are shown if the pattern is for them alone.
     pub fn of(snapshot: &Snapshot, pattern: &Pattern, is_all: bool, board: &str) -> Self {
         let is_hidden = |info: &PinInfo| !is_all && is_secondary(info);
         let is_detail = |info: &PinInfo| !is_all && is_detail(short(&info.name, board));
@@ -86,7 +86,8 @@ fn is_secondary(info: &PinInfo) -> bool {
     info.role.is_param() || info.name.ends_with("-not") || info.name.ends_with("_not")
 }
 
-/// True for a pin of an encoder of the board, apart from its position. `name` is without the board's.
+/// True for a pin of an encoder of the board, apart from its position. `name` is without the
+/// board's.
 fn is_detail(name: &str) -> bool {
     let pin = name
         .strip_prefix("encoder.")

@@ -129,8 +129,8 @@ fn button(terminals: &mut Terminals<'_>) -> String {
     )
 }
 
-/// Each serial port with cards has to run: hostmot2 has no pin for a single card, and stops the whole port
-/// when one of its cards fails.
+/// Each serial port with cards has to run: hostmot2 has no pin for a single card, and stops the
+/// whole port when one of its cards fails.
 fn ports_run(machine: &Machine, parts: &mut Parts) -> String {
     let mut text = String::from(
         "\n# Each serial port runs, which is state 3. hostmot2 stops a port when one of its cards fails; its\n\

@@ -8,8 +8,8 @@ use super::parts::Parts;
 use super::prepared::{self, Terminals};
 use super::{LOOP, estop, signal};
 
-/// LinuxCNC's motion on the signals of `board.hal`, which is read before it: every pin of the board is
-/// there, and every line works where it stands.
+/// LinuxCNC's motion on the signals of `board.hal`, which is read before it: every pin of the board
+/// is there, and every line works where it stands.
 pub fn motion(machine: &Machine, component: Component) -> String {
     let mut terminals = Terminals::of(machine);
     let mut parts = Parts::default();

@@ -1,4 +1,5 @@
-//! Lines of `motion.hal` that are prepared as comments: switches, spindle, coolant, probe, handwheel.
+//! Lines of `motion.hal` that are prepared as comments: switches, spindle, coolant, probe,
+//! handwheel.
 //!
 //! Each is a whole line that works where it stands, once its `# ` is removed: it uses signals that
 //! `board.hal` has made, or pins that have none yet, and each input and output once.

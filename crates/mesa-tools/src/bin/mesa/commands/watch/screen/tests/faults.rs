@@ -194,7 +194,7 @@ impl Stage {
             }
             (false, _) => {
                 assert!(says("OFFLINE ") || says("RESTARTING "), "{what}");
-                let is_true = ["too many failed transfers", "the remote did not start"];
+                let is_true = ["too many failed transfers", "the remote does not start"];
                 assert!(is_true.iter().any(|text| present.contains(text)), "{what}");
                 assert!(
                     !field
