@@ -57,15 +57,15 @@ const ROUNDER: f64 = 4_503_599_627_370_496.0;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ControlLimits {
     /// Greatest move of a period: the highest speed.
-    top: f64,
+    max_move: f64,
     /// Greatest change of the move between two periods: the acceleration. Infinite without a limit.
-    ramp: f64,
-    /// `1 / ramp`; 0 without a limit.
-    per_ramp: f64,
-    /// Greatest change of a move that is faster than `top`: at least `ramp`.
+    max_change: f64,
+    /// `1 / max_change`; 0 without a limit.
+    per_max_change: f64,
+    /// Greatest change of a move that is faster than `max_move`: at least `max_change`.
     brake: f64,
     /// A distance to a command at rest that is smaller is none: what the position cannot resolve.
-    grain: f64,
+    resolution: f64,
 }
 
 impl ControlLimits {
@@ -75,14 +75,14 @@ impl ControlLimits {
     pub fn new(speed: f64, acceleration: f64, period: f64) -> Self {
         let ramp = acceleration * period * period;
         let is_limit = (1e-200..=1e200).contains(&ramp);
-        let per_ramp = if is_limit { 1.0 / ramp } else { 0.0 };
+        let per_max_change = if is_limit { 1.0 / ramp } else { 0.0 };
         let ramp = if is_limit { ramp } else { f64::INFINITY };
         Self {
-            top: speed * period,
-            ramp,
-            per_ramp,
+            max_move: speed * period,
+            max_change: ramp,
+            per_max_change,
             brake: ramp,
-            grain: 0.0,
+            resolution: 0.0,
         }
     }
 
@@ -90,44 +90,44 @@ impl ControlLimits {
     /// acceleration of before in the new ones.
     pub fn with_brake(self, ramp: f64) -> Self {
         Self {
-            brake: ramp.max(self.ramp),
+            brake: ramp.max(self.max_change),
             ..self
         }
     }
 
     /// With a position that has this resolution: a command between two values of it does not make
     /// the generator go to and fro.
-    pub const fn with_grain(self, grain: f64) -> Self {
-        Self { grain, ..self }
+    pub const fn with_resolution(self, resolution: f64) -> Self {
+        Self { resolution, ..self }
     }
 
     /// Greatest move of a period.
-    pub const fn top(&self) -> f64 {
-        self.top
+    pub const fn max_move(&self) -> f64 {
+        self.max_move
     }
 
     /// Greatest change of the move between two periods.
-    pub const fn ramp(&self) -> f64 {
-        self.ramp
+    pub const fn max_change(&self) -> f64 {
+        self.max_change
     }
 
     /// Ramps in a move of one unit; 0 without a limit of the acceleration.
-    pub const fn per_ramp(&self) -> f64 {
-        self.per_ramp
+    pub const fn per_max_change(&self) -> f64 {
+        self.per_max_change
     }
 
     /// A move within the highest speed.
     fn capped(&self, step: f64) -> f64 {
-        step.min(self.top).max(-self.top)
+        step.min(self.max_move).max(-self.max_move)
     }
 
     /// The nearest move that the acceleration reaches from another one.
     fn reached(&self, from: f64, to: f64) -> f64 {
         let change = to - from;
-        let ramp = if from.abs() > self.top {
+        let ramp = if from.abs() > self.max_move {
             self.brake
         } else {
-            self.ramp
+            self.max_change
         };
         if change.abs() <= ramp {
             to
@@ -254,7 +254,7 @@ impl ControlLaw {
     fn expected_change(&self, limits: &ControlLimits, last: f64, delay: f64) -> f64 {
         let (feed, change) = (self.feed, self.change);
         let slows = feed * change < 0.0;
-        if !slows || limits.per_ramp == 0.0 {
+        if !slows || limits.per_max_change == 0.0 {
             return if (feed + change) * feed > 0.0 {
                 change
             } else {
@@ -262,7 +262,7 @@ impl ControlLaw {
             };
         }
         // In ramps, positive in the direction of the motion.
-        let unit = limits.per_ramp.copysign(feed);
+        let unit = limits.per_max_change.copysign(feed);
         let (speed, before, mut expected) = (feed * unit, last * unit, change * unit);
         let lost = before - expected;
         if lost > LEAST_LOSS && delay > 0.0 {
@@ -278,7 +278,7 @@ impl ControlLaw {
             let end = (speed + 0.5 * expected).max(0.0);
             expected = -end * end / (2.0 * expected) - speed;
         }
-        expected * limits.ramp.copysign(feed)
+        expected * limits.max_change.copysign(feed)
     }
 
     fn observe_limited(&mut self, limits: &ControlLimits, command: f64) {
@@ -306,15 +306,15 @@ impl ControlLaw {
 /// The largest move from which the generator still comes to rest at the stop, which is as far
 /// beyond the command as its move `feed` needs to brake. `distance` is that to the command.
 fn wanted(limits: &ControlLimits, feed: f64, distance: f64) -> f64 {
-    let ramp = limits.ramp;
+    let ramp = limits.max_change;
     let deviation = distance - feed;
-    if feed == 0.0 && distance.abs() < limits.grain {
+    if feed == 0.0 && distance.abs() < limits.resolution {
         return 0.0;
     }
-    if limits.per_ramp == 0.0 {
+    if limits.per_max_change == 0.0 {
         return feed + 0.5 * deviation;
     }
-    let ramps = feed.abs() * limits.per_ramp;
+    let ramps = feed.abs() * limits.per_max_change;
     let periods = whole_above(ramps);
     // D^-1 is linear between whole numbers of ramps, which saves the root near the command.
     // Below one ramp the stop is the command itself.
@@ -324,14 +324,14 @@ fn wanted(limits: &ControlLimits, feed: f64, distance: f64) -> f64 {
         }
     } else {
         let correction = deviation / periods;
-        let moved = (feed + correction) * limits.per_ramp;
+        let moved = (feed + correction) * limits.per_max_change;
         if (periods - 1.0..=periods).contains(&moved.copysign(moved * feed)) {
             return feed + correction;
         }
     }
     let beyond = (periods - 1.0) * (ramps - 0.5 * periods) * ramp;
     let to_stop = distance + beyond.copysign(feed);
-    let ramps = to_stop.abs() * limits.per_ramp;
+    let ramps = to_stop.abs() * limits.per_max_change;
     let periods = whole_above(0.5 * (libm::sqrt(1.0 + 8.0 * ramps) - 1.0));
     let step = to_stop.abs() / periods + 0.5 * (periods - 1.0) * ramp;
     step.copysign(to_stop)

@@ -34,7 +34,7 @@ const TRACEABLE: f64 = AMBIGUOUS / 2.0;
 
 /// What all generators have in common in a write.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Moment {
+pub(super) struct WriteTiming {
     /// The part of the period since the sample of the positions.
     pub delay: f64,
     pub period: Duration,
@@ -322,7 +322,7 @@ impl Generator {
             let command = pins.commanded(self.pins.position_cmd);
             pins.restate(self.pins.position_cmd, command * factor);
         }
-        self.old_ramp = self.old_ramp.max(self.limits.ramp()) * factor.abs();
+        self.old_ramp = self.old_ramp.max(self.limits.max_change()) * factor.abs();
         if self.law.step() == 0.0 || !self.old_ramp.is_finite() {
             self.old_ramp = 0.0;
         }
@@ -332,7 +332,7 @@ impl Generator {
 
 /// The write.
 impl Generator {
-    pub fn write(&mut self, cycle: &mut WriteCycle<'_>, moment: &Moment) {
+    pub fn write(&mut self, cycle: &mut WriteCycle<'_>, timing: &WriteTiming) {
         let version = cycle.pins.output_version(self.parameters);
         let has_changed = version != self.version;
         if !cycle.changed && !has_changed && self.is_idle() {
@@ -344,7 +344,7 @@ impl Generator {
         }
         let has_changed = self.set_pulses(cycle) || has_changed;
         if has_changed {
-            self.prepare(cycle.pins, moment.period);
+            self.prepare(cycle.pins, timing.period);
         }
         if has_changed || self.latch.is_unsettled() {
             self.set_mode(cycle);
@@ -356,7 +356,7 @@ impl Generator {
             self.rate.stop(cycle.now);
         }
         self.is_enabled = self.switches.is_on && !cycle.hold && !self.rate.stands();
-        let lag = self.control(cycle, moment);
+        let lag = self.control(cycle, timing);
         self.rate.put((self.law.step() * self.factors.rate) as i32);
         let word = self.rate.word;
         cycle.words.put(self.registers.rate, word as u32);
@@ -411,7 +411,7 @@ impl Generator {
             self.rescale(pins, units / before);
         }
         let limits = ControlLimits::new(speed, acceleration, seconds)
-            .with_grain(units.abs())
+            .with_resolution(units.abs())
             .with_brake(self.old_ramp);
         let factors = Factors {
             units,
@@ -460,7 +460,7 @@ impl Generator {
     }
 
     /// Lets the law make the next move. Returns the distance of the position behind the command.
-    fn control(&mut self, cycle: &mut WriteCycle<'_>, moment: &Moment) -> f64 {
+    fn control(&mut self, cycle: &mut WriteCycle<'_>, timing: &WriteTiming) -> f64 {
         let command = self.command(cycle.pins);
         let by_speed = self.switches.by_speed;
         let was_reset = core::mem::replace(&mut self.was_reset, self.switches.resets);
@@ -490,7 +490,7 @@ impl Generator {
                 self.law.brake(&self.limits, command);
             } else {
                 self.law
-                    .follow(&self.limits, command, self.position, moment.delay);
+                    .follow(&self.limits, command, self.position, timing.delay);
                 self.check_limit(self.law.feed());
                 self.publish_debug(cycle.pins, -lag);
             }
@@ -511,11 +511,11 @@ impl Generator {
     /// Reports a command that is faster than the limit, once.
     #[inline]
     fn check_limit(&mut self, step: f64) {
-        if step.abs() > self.limits.top() * TOO_FAST && !self.change.is_due() {
+        if step.abs() > self.limits.max_move() * TOO_FAST && !self.change.is_due() {
             let steps = self.factors.rate * f64::from(self.clock_hz) / STEP_PER_TICK;
             let steps = steps.abs();
             self.reports
-                .limited(step.abs() * steps, self.limits.top() * steps);
+                .limited(step.abs() * steps, self.limits.max_move() * steps);
         }
     }
 
@@ -536,7 +536,7 @@ impl Generator {
         let (feed, step) = (self.law.feed(), self.law.step());
         let error = step - feed;
         // Periods until the speed is that of the command.
-        let periods = error.abs() * self.limits.per_ramp();
+        let periods = error.abs() * self.limits.per_max_change();
         let values = [
             feed * factors.periods,
             beyond,

@@ -37,7 +37,7 @@ use core::time::Duration;
 pub use pins::StepgenPins;
 
 use firmware::Firmware;
-use generator::{Generator, LastRead, Moment};
+use generator::{Generator, LastRead, WriteTiming};
 
 use super::limit::Limit;
 use super::registrar::DrivenModule;
@@ -295,12 +295,12 @@ impl Module for Stepgens {
             cycle.words.set(timer.setting, latch_timer(number));
         }
         self.observe_delay(cycle.now, cycle.pins);
-        let moment = Moment {
+        let timing = WriteTiming {
             delay: self.delay,
             period: self.period,
         };
         for generator in &mut self.generators {
-            generator.write(cycle, &moment);
+            generator.write(cycle, &timing);
         }
     }
 

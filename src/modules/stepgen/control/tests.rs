@@ -30,11 +30,11 @@ impl Ideal {
         self.law.follow(limits, command, self.position, self.delay);
         let step = self.law.step();
         assert!(step.is_finite());
-        let least = limits.top.max(before.abs() - limits.ramp);
+        let least = limits.max_move.max(before.abs() - limits.max_change);
         assert!(step.abs() <= least * (1.0 + 1e-12), "{step} of {limits:?}");
         let change = (step - before).abs();
         assert!(
-            change <= limits.ramp * (1.0 + 1e-9) + 1e-12 * before.abs(),
+            change <= limits.max_change * (1.0 + 1e-9) + 1e-12 * before.abs(),
             "{change} of {limits:?}"
         );
         self.position += before * self.delay + step * (1.0 - self.delay);
