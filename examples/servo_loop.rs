@@ -13,7 +13,7 @@ use std::ops::ControlFlow::{Break, Continue};
 use std::process::ExitCode;
 
 use mesa_hal::bus::DynBus;
-use mesa_hal::hal::{AnalogOut, Counter, PinError};
+use mesa_hal::hal::{Age, AnalogOut, Counter, PinError};
 use mesa_hal::runner::{Runner, Stop};
 use mesa_hal::{Driver, I7i77Analog, I7i97, Settings, UdpBus, UdpConfig};
 use mesa_hal_sim::{Motor, machines};
@@ -23,8 +23,6 @@ const COUNTS: f64 = 1000.0;
 const FULL_SPEED: f64 = 100.0;
 /// Gain of the loops in 1/s.
 const GAIN: f64 = 40.0;
-/// Age of a position in cycles up to which its axis goes on: a lost reply stops no axis.
-const DEBOUNCE: u64 = 25;
 /// A loop holds if its error stays below this, in units, after the first quarter of a second.
 const HOLDS: f64 = 0.25;
 const SETTLED: f64 = 0.25;
@@ -71,7 +69,7 @@ fn run() -> Result<ExitCode, Box<dyn Error>> {
                 if time >= SETTLED {
                     axis.worst = axis.worst.max(error.abs());
                 }
-                let is_known = position.within(DEBOUNCE).is_some();
+                let is_known = position.within(Age::NEIGHBOUR_RESTART).is_some();
                 all_known &= is_known;
                 let volts = (velocity + GAIN * error) / FULL_SPEED * 10.0;
                 axis.drive.set(pins, if is_known { volts } else { 0.0 });
