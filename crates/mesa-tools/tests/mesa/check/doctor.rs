@@ -48,6 +48,18 @@ fn computer(name: &str, files: &[(&str, &str)]) -> PathBuf {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
+fn bus_log_has_the_words_of_the_cycles_by_name() {
+    let file = Scratch::new("bus.txt");
+    let period = ["--period", SLOW, "--exchanges", "10"];
+    let log = ["--yes", "--bus-log", file.path()];
+    let run = run(&[&["doctor", "--sim", "7i97"][..], &period, &log].concat());
+    let text = fs::read_to_string(file.path()).unwrap_or_else(|error| panic!("{error}: {run:?}"));
+    assert!(text.contains(" host read 0x0100 0x55AACAFE ; HostMot2 cookie\n"));
+    assert!(text.contains(" host write "), "{text}");
+}
+
+#[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
+#[test]
 fn a_machine_is_looked_at_with_consent_and_ends_with_its_outputs_off() {
     let board = Board::start(
         Ipv4Addr::LOCALHOST,

@@ -2,6 +2,7 @@
 
 pub mod address;
 pub mod bus;
+pub mod bus_log;
 pub mod changed;
 pub mod consent;
 pub mod hazard;

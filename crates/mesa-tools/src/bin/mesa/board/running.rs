@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use mesa_hal::MesaError;
 use mesa_hal::RemoteId;
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{ClockedBus, RegisterBus};
 use mesa_hal::driver::{EventKind, Pace, StopError};
 use mesa_hal::runner::Ended;
 use mesa_hal::{Board, BoardState, Configured, Driver, Settings};
@@ -20,12 +20,12 @@ use mesa_tools::advice::told;
 
 /// Starts everything on a board with all outputs off. Reports on standard error which remotes were
 /// found, which are missing, and what disagrees with its table.
-pub fn start(bus: Bus, settings: Settings) -> Result<Driver<Bus>, Failure> {
+pub fn start<B: ClockedBus>(bus: B, settings: Settings) -> Result<Driver<B>, Failure> {
     go(Board::identify(bus, settings)?.discover()?)
 }
 
 /// As [`start`], for a board whose remotes are known.
-pub fn go(board: Configured<Bus>) -> Result<Driver<Bus>, Failure> {
+pub fn go<B: ClockedBus>(board: Configured<B>) -> Result<Driver<B>, Failure> {
     let driver = board.start()?;
     complain(found(&driver).trim_end());
     Ok(driver)
@@ -38,7 +38,7 @@ pub fn trouble(state: BoardState) -> Option<BoardState> {
 
 /// Fails if another program was found to drive the board during the run, because readings are
 /// uncertain then.
-pub fn check_alone(bus: &Bus) -> Result<(), Failure> {
+pub fn check_alone(bus: &impl RegisterBus) -> Result<(), Failure> {
     match bus.statistics().others {
         0 => Ok(()),
         packets => {
@@ -81,7 +81,7 @@ pub fn check_end(ended: &Ended<Bus>) -> Result<(), Failure> {
 }
 
 /// Fails if another program drives the board, or if the board does not run any more.
-pub fn check(driver: &Driver<Bus>) -> Result<(), Failure> {
+pub fn check<B: ClockedBus>(driver: &Driver<B>) -> Result<(), Failure> {
     check_alone(driver.bus())?;
     trouble(driver.board_state()).map_or(Ok(()), |trouble| Err(Failure::refused(trouble)))
 }
@@ -140,7 +140,7 @@ pub fn not_reached(stopped: Result<(), StopError>) -> Result<Vec<String>, Failur
 }
 
 /// Text about the remotes on each channel, missing remotes and remarks.
-fn found(driver: &Driver<Bus>) -> String {
+fn found<B: ClockedBus>(driver: &Driver<B>) -> String {
     let mut text = String::new();
     for port in driver.ports() {
         let layout = port.layout();
@@ -170,7 +170,7 @@ fn found(driver: &Driver<Bus>) -> String {
 }
 
 /// True if nothing answers on a channel.
-fn is_silent(driver: &Driver<Bus>, id: RemoteId) -> bool {
+fn is_silent<B: ClockedBus>(driver: &Driver<B>, id: RemoteId) -> bool {
     let mut missing = driver.missing().iter();
     missing.any(|remark| remark.remote == Some(id) && remark.is_silent())
 }

@@ -15,6 +15,7 @@ use mesa_hal::driver::Pace;
 use mesa_hal::ethernet::EthernetBoard;
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::modules::watchdog::WatchdogRegisters;
+use mesa_hal::transport::Recording;
 use mesa_hal::transport::network::Network;
 use mesa_hal::transport::udp::UdpConfig;
 use mesa_hal::{BoardState, Driver, Settings};
@@ -25,6 +26,7 @@ use mesa_tools::diagnosis::{
 use serde::Serialize;
 
 use crate::board::bus::Bus;
+use crate::board::bus_log::BusLogFile;
 use crate::board::consent::{Asks, Plan};
 use crate::board::modes::Modes;
 use crate::board::running;
@@ -67,6 +69,8 @@ pub struct Doctor {
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
     #[command(flatten)]
+    bus_log: BusLogFile,
+    #[command(flatten)]
     asks: Asks,
     /// Directory that contains this computer's /proc and /sys
     #[arg(long, value_name = "DIRECTORY", default_value = "/", hide = true)]
@@ -97,6 +101,9 @@ impl Doctor {
             self.asks.consent(context, &plan, None)?;
         }
         if let Some(path) = &self.report {
+            self.asks.replaces(context, path)?;
+        }
+        if let Some(path) = &self.bus_log.path {
             self.asks.replaces(context, path)?;
         }
         let address = found.address.ip();
@@ -236,7 +243,7 @@ impl Doctor {
         };
         self.modes.put(&mut settings);
         let watchdog = settings.watchdog_time();
-        let mut driver = running::start(bus, settings)?;
+        let mut driver = running::start(self.bus_log.around(bus), settings)?;
         if let Err(error) = driver.prove_watchdogs() {
             findings.push(Finding::new(
                 FigureVerdict::Unknown,
@@ -245,21 +252,23 @@ impl Doctor {
                 "fix that first, then run this again",
             ));
         }
-        let mark = PacketMark::take(driver.bus_mut());
+        let mark = PacketMark::take(&mut driver.bus_mut().inner);
         let cycles = self.cycle(context, &mut driver);
         let state = driver.board_state();
         let remotes = judge(&driver, self.period(), watchdog);
-        let (mut bus, stopped) = driver.shutdown();
+        let saved = self.bus_log.save(&driver.bus().log, driver.firmware());
+        let (Recording { inner: mut bus, .. }, stopped) = driver.shutdown();
         let packets = mark.packets_since(&mut bus, Pace::Host);
         findings.push(judge_cycles(cycles, state, &packets));
         findings.extend(remotes);
         stopped?;
+        saved?;
         complain("mesa: the machine is stopped; no output was ever on");
         Ok(running::check_alone(&bus))
     }
 
     /// Runs cycles, and counts them.
-    fn cycle(&self, context: &Context, driver: &mut Driver<Bus>) -> CycleCounts {
+    fn cycle(&self, context: &Context, driver: &mut Driver<Recording<Bus>>) -> CycleCounts {
         let begun = driver.bus_mut().now();
         let mut cycles = CycleCounts::default();
         while driver.bus_mut().now().since(begun) < CYCLES && context.stop.signal().is_none() {
@@ -307,7 +316,7 @@ fn judge_cycles(cycles: CycleCounts, state: BoardState, packets: &Packets) -> Fi
 }
 
 /// Findings about a machine that has run for a short time.
-fn judge(driver: &Driver<Bus>, period: Duration, watchdog: Duration) -> Vec<Finding> {
+fn judge(driver: &Driver<Recording<Bus>>, period: Duration, watchdog: Duration) -> Vec<Finding> {
     let mut findings = vec![board::watchdog("board: watchdog", Some(watchdog), period)];
     for port in driver.ports() {
         let layout = port.layout();

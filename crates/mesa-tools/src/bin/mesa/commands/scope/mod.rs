@@ -16,6 +16,7 @@ use mesa_hal::runner::{
     Cycle, Edge, Ended, MAX_SCOPE_PINS, RunStatistics, Runner, Scope as Recorder, ScopeRange,
     ScopeState, Signal, Trigger,
 };
+use mesa_hal::transport::Recording as RecordedBus;
 use mesa_hal::transport::udp::UdpConfig;
 use mesa_hal::{Driver, Settings};
 use mesa_tools::Counted;
@@ -23,6 +24,7 @@ use mesa_tools::diagnosis::{PacketMark, Packets};
 use serde::Serialize;
 
 use crate::board::bus::Bus;
+use crate::board::bus_log::BusLogFile;
 use crate::board::consent::Asks;
 use crate::board::modes::Modes;
 use crate::board::named;
@@ -92,6 +94,8 @@ pub struct Scope {
     /// File for a picture of the values
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
+    #[command(flatten)]
+    bus_log: BusLogFile,
     #[command(flatten)]
     asks: Asks,
 }
@@ -268,7 +272,7 @@ impl Scope {
         }
     }
 
-    fn start(&self, context: &Context) -> Result<Driver<Bus>, Failure> {
+    fn start(&self, context: &Context) -> Result<Driver<RecordedBus<Bus>>, Failure> {
         let found = self.target.find(context)?;
         let mut settings = Settings {
             period: Duration::from_micros(self.period.into()),
@@ -280,18 +284,18 @@ impl Scope {
             ..UdpConfig::default()
         })?;
         self.modes.put(&mut settings);
-        running::start(bus, found.with_patience(settings))
+        running::start(self.bus_log.around(bus), found.with_patience(settings))
     }
 
     /// Runs cycles until the recording is complete, the trigger is late, or a signal comes.
     fn record(
         &self,
         context: &Context,
-        mut driver: Driver<Bus>,
+        mut driver: Driver<RecordedBus<Bus>>,
         watched: &PinInfo,
         scope: &mut Recorder,
     ) -> Result<Run, Failure> {
-        let packets = PacketMark::take(driver.bus_mut());
+        let packets = PacketMark::take(&mut driver.bus_mut().inner);
         let begun = driver.pins().now();
         let runner = Runner::new(driver).stop_on(context.stop.clone());
         let mut checked = Ok(());
@@ -319,11 +323,13 @@ impl Scope {
             signal,
             ..
         } = ended;
+        let saved = self.bus_log.save(&driver.bus().log, driver.firmware());
         stopped?;
+        saved?;
         Ok(Run {
             signal,
             statistics,
-            packets: packets.packets_since(&mut driver.into_bus(), Pace::Host),
+            packets: packets.packets_since(&mut driver.into_bus().inner, Pace::Host),
         })
     }
 
@@ -334,7 +340,7 @@ impl Scope {
     }
 
     /// Tells what is awaited, once the cycles before the trigger are recorded.
-    fn say_armed(&self, cycle: &Cycle<'_, Bus>, watched: &PinInfo) {
+    fn say_armed(&self, cycle: &Cycle<'_, RecordedBus<Bus>>, watched: &PinInfo) {
         let pins = cycle.pins();
         let now = pins.find(&watched.name);
         let now = now.and_then(|pin| pins.read_any(pin).ok());
@@ -371,7 +377,8 @@ impl Scope {
                 self.csv.display()
             )));
         }
-        let mut files = std::iter::once(&self.csv).chain(&self.plot);
+        let files = std::iter::once(&self.csv).chain(&self.plot);
+        let mut files = files.chain(&self.bus_log.path);
         files.try_for_each(|file| self.asks.replaces(context, file))
     }
 
