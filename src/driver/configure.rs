@@ -74,7 +74,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// # Real time
     /// Not for the cycle. Bounded.
     pub fn identify(bus: B, settings: Settings) -> Result<Self, DriverError> {
-        Self::identify_with(bus, settings, |_, _| {})
+        Self::identify_then(bus, settings, |_, _| {})
     }
 
     /// As [`identify`](Self::identify), with settings that depend on the firmware: `adjust` changes
@@ -90,7 +90,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// let mut of_kind = BTreeMap::<String, u8>::new();
     /// let buses = [machines::i7i97(1), machines::i7i92_7i77(), machines::i7i97(1)];
     /// let boards = buses.map(|bus| {
-    ///     Board::identify_with(bus, Settings::default(), |firmware, settings| {
+    ///     Board::identify_then(bus, Settings::default(), |firmware, settings| {
     ///         let next = of_kind.entry(firmware.idrom.board()).or_default();
     ///         settings.board_number = *next;
     ///         *next += 1;
@@ -108,7 +108,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     ///
     /// # Real time
     /// As [`identify`](Self::identify).
-    pub fn identify_with(
+    pub fn identify_then(
         mut bus: B,
         settings: Settings,
         adjust: impl FnOnce(&HostMot2, &mut Settings),

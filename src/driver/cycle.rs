@@ -70,7 +70,7 @@ pub(super) struct BoardCycle {
     pub events: EventSink,
     /// The report of the last good read.
     pub report: CycleReport,
-    beats: ArrivalClock,
+    arrivals: ArrivalClock,
     /// Lateness of the last read for the phase-locked loop.
     phase_error_us: Option<Input<f64>>,
     state: BoardState,
@@ -108,7 +108,7 @@ impl BoardCycle {
         group: GroupId,
         parts: Parts,
         events: EventSink,
-        beats: ArrivalClock,
+        arrivals: ArrivalClock,
     ) -> Self {
         let dpll = parts.of::<Dpll>().next();
         Self {
@@ -120,7 +120,7 @@ impl BoardCycle {
             statistics: DriverStatistics::default(),
             events,
             report: CycleReport::default(),
-            beats,
+            arrivals,
             state: BoardState::Running,
             outage: Outage::default(),
             asked: Instant::default(),
@@ -271,12 +271,12 @@ impl BoardCycle {
         } else {
             Evidence::Doubtful
         };
-        let beat = self.beats.arrived(at, reply.slack);
+        let arrival = self.arrivals.arrived(at, reply.slack);
         let mut report = CycleReport {
             lost_writes: reply.lost_writes.into(),
-            others: reply.others,
-            missed_periods: beat.missed,
-            unpaced: beat.is_unpaced,
+            foreign_packets: reply.foreign_packets,
+            missed_periods: arrival.missed,
+            unpaced: arrival.is_unpaced,
             slack: reply.slack,
             ..CycleReport::default()
         };
@@ -289,7 +289,7 @@ impl BoardCycle {
             is_certain: certain,
         };
         let finding = self.parts.watchdog.examine(&read);
-        self.found(now, finding);
+        self.apply_finding(now, finding);
         self.note_bite(finding, certain || reply.lost_writes == 0);
         // With bad evidence, the inputs are not those of a board that is set up.
         if was_running && !self.is_running() {
@@ -299,9 +299,10 @@ impl BoardCycle {
         }
         if self.is_running() {
             let error = self.phase_error_us.map(|pin| self.pins.read(pin).value);
-            report.locked = error.is_some_and(|error| self.beats.lock(beat, reply.slack, error));
+            report.locked =
+                error.is_some_and(|error| self.arrivals.lock(arrival, reply.slack, error));
         } else {
-            self.beats.unlock();
+            self.arrivals.unlock();
             self.make_safe();
             self.run_on(at);
         }
@@ -320,9 +321,11 @@ impl BoardCycle {
             let (count, row) = (reply.lost_writes, &mut self.rows.lost_writes);
             row.add(events, at, count, EventKind::LostWrites { count });
         }
-        if reply.others > 0 {
-            self.statistics.others.tally(reply.others.into());
-            let (packets, row) = (reply.others, &mut self.rows.others);
+        if reply.foreign_packets > 0 {
+            self.statistics
+                .foreign_packets
+                .tally(reply.foreign_packets.into());
+            let (packets, row) = (reply.foreign_packets, &mut self.rows.foreign_packets);
             row.add(events, at, packets, EventKind::OtherMaster { packets });
         }
         if report.missed_periods > 0 {
@@ -386,8 +389,8 @@ impl BoardCycle {
 /// Set-up.
 impl BoardCycle {
     /// Replaces the clock by that of another period.
-    pub fn change_clock(&mut self, beats: ArrivalClock) {
-        self.beats = beats;
+    pub fn change_clock(&mut self, arrivals: ArrivalClock) {
+        self.arrivals = arrivals;
         self.parts.connection.forget_deadline();
     }
 }
@@ -409,7 +412,7 @@ impl BoardCycle {
             is_certain,
         };
         let finding = self.parts.watchdog.examine(&read);
-        self.found(now, finding);
+        self.apply_finding(now, finding);
         self.note_bite(finding, have_all_arrived);
     }
 
@@ -433,7 +436,7 @@ impl BoardCycle {
     }
 
     /// Makes everything safe if the board is not set up any more.
-    fn found(&mut self, now: Instant, failure: Option<BoardState>) {
+    fn apply_finding(&mut self, now: Instant, failure: Option<BoardState>) {
         if let Some(mut state) = failure {
             // The first write after a reset makes the watchdog bite. A bite alone stops no channel.
             let ports = self.parts.ports.iter();
@@ -488,7 +491,7 @@ impl BoardCycle {
             }
         };
         count.tally(1);
-        self.events.tell(now, kind);
+        self.events.report(now, kind);
         self.cancel_rearm(now, true);
     }
 

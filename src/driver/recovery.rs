@@ -15,7 +15,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// were not armed start from their safe values and follow the values set from now on.
     ///
     /// After a bite or a reset the board's own outputs follow with the next good read, and remotes
-    /// when they run again: this call arms them, and counts them as coming, unless a fault comes
+    /// when they run again: this call arms them, and counts them as pending, unless a fault comes
     /// first. Values set until then are discarded as well. Other remotes that do not run yet are
     /// counted as waiting only; so are all groups if the board has lost its set-up again meanwhile.
     ///
@@ -54,7 +54,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// soon as it runs, unless a new fault comes before. Values set until then are discarded.
     ///
     /// A board that has lost its set-up gets it back with one of the next writes, and again with each
-    /// write until it succeeds. A group is counted as [coming](Rearmed::coming) until it is armed or
+    /// write until it succeeds. A group is counted as [pending](Rearmed::rearm_pending) until it is armed or
     /// its arming is cancelled:
     /// - by any fault of the board that is found after this call: a bite, a reset, a bus that is
     ///   down, another firmware ([`RearmCancelled`](super::EventKind::RearmCancelled));
@@ -109,7 +109,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// Lets the outputs of one group follow the application: at once if it runs, and otherwise as
     /// soon as it does, as [`rearm_when_running`](Self::rearm_when_running). Returns true if the
-    /// group is armed; [`GroupState::coming`](crate::hal::GroupState::coming) indicates later if it
+    /// group is armed; [`GroupState::rearm_pending`](crate::hal::GroupState::rearm_pending) indicates later if it
     /// is still awaited.
     ///
     /// On a board that has lost its set-up the group is armed when the board has the set-up back,
@@ -126,7 +126,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     /// Lets no group be armed without another call: withdraws
-    /// [`rearm_when_running`](Self::rearm_when_running) and what is [coming](Rearmed::coming).
+    /// [`rearm_when_running`](Self::rearm_when_running) and what is [pending](Rearmed::rearm_pending).
     /// Returns the number of groups that were to be armed.
     ///
     /// # Real time

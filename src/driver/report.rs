@@ -26,8 +26,8 @@ pub struct DriverStatistics {
     /// Number of times that everything was made safe because the bus failed too often.
     pub bus_down: u64,
     /// Packets of a second master that drives the board too:
-    /// [`BusStatistics::others`](crate::bus::BusStatistics::others).
-    pub others: u64,
+    /// [`BusStatistics::foreign_packets`](crate::bus::BusStatistics::foreign_packets).
+    pub foreign_packets: u64,
 }
 
 /// Result of [`Driver::rearm`](super::Driver::rearm) and
@@ -44,5 +44,5 @@ pub struct Rearmed {
     /// [`rearm_when_running`](super::Driver::rearm_when_running) waits for. Each of them is armed as
     /// soon as it runs, unless a fault comes first. The other groups need another call in a later
     /// cycle.
-    pub coming: usize,
+    pub rearm_pending: usize,
 }

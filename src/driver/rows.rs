@@ -12,7 +12,7 @@ pub(super) struct EventRows {
     pub failed_writes: EventRow,
     pub lost_writes: EventRow,
     pub missed_periods: EventRow,
-    pub others: EventRow,
+    pub foreign_packets: EventRow,
 }
 
 impl EventRows {
@@ -22,7 +22,7 @@ impl EventRows {
             (&mut self.failed_writes, Repeating::FailedWrites),
             (&mut self.lost_writes, Repeating::LostWrites),
             (&mut self.missed_periods, Repeating::MissedPeriods),
-            (&mut self.others, Repeating::OtherMaster),
+            (&mut self.foreign_packets, Repeating::OtherMaster),
         ]
     }
 

@@ -208,7 +208,7 @@ pub enum EventKind {
     },
     /// Groups that were to be armed as soon as they run
     /// ([`Driver::rearm_when_running`](crate::Driver::rearm_when_running),
-    /// [`Rearmed::coming`](crate::driver::Rearmed::coming)) will not be, because of a fault of the
+    /// [`Rearmed::rearm_pending`](crate::driver::Rearmed::rearm_pending)) will not be, because of a fault of the
     /// board. Re-arm them again.
     [REARM_CANCELLED = 21, fault; "re-arming of {groups} groups cancelled by a new fault of the board"; then Some(advice::REARM)]
     RearmCancelled {
@@ -335,7 +335,7 @@ pub enum EventKind {
     /// The accumulator of a step generator stands still although it has a rate, so that its
     /// position is not known: it is stopped until it has been disabled and enabled again.
     [STEPGEN_STANDS = 28, fault; "step generator {generator}: stopped, because its accumulator does not move at {rate} steps/s"; then Some(advice::CHECK_STEP_TIMER)]
-    StepgenStands {
+    StepgenStalled {
         /// The number of the generator.
         generator: u32,
         /// Its rate in steps per second.

@@ -184,7 +184,7 @@ impl EventSink {
 
     /// Puts an event into the queue.
     #[cold]
-    pub fn tell(&self, at: Instant, kind: EventKind) {
+    pub fn report(&self, at: Instant, kind: EventKind) {
         let cycle = self.0.cycle();
         self.0.push(Event { at, cycle, kind });
     }
@@ -275,14 +275,14 @@ mod tests {
         let mut events = sink.events();
         assert_eq!(events.next(), None);
         sink.begin_cycle(0x1_0000_0005);
-        sink.tell(Instant::from_nanos(1_234_567_000), lost(3));
+        sink.report(Instant::from_nanos(1_234_567_000), lost(3));
         let event = events.next().expect("an event");
         assert_eq!(event.cycle, 0x1_0000_0005);
         assert_eq!(event.kind, lost(3));
         let text = "cycle 4294967301, 1.234567 s: lost writes: 3";
         assert_eq!(event.to_string(), text);
         assert_eq!(events.next(), None, "and can be asked again");
-        sink.tell(Instant::default(), lost(4));
+        sink.report(Instant::default(), lost(4));
         assert_eq!(kinds(&mut events), [lost(4)]);
     }
 
@@ -290,7 +290,7 @@ mod tests {
     fn a_full_queue_keeps_the_first_and_says_how_many_it_dropped_after_them() {
         let sink = EventSink::new("", 4);
         let mut events = sink.events();
-        let tell = |n: u32| sink.tell(Instant::from_nanos(n.into()), lost(n));
+        let tell = |n: u32| sink.report(Instant::from_nanos(n.into()), lost(n));
         (1..=9).for_each(tell);
         assert_eq!(events.by_ref().take(2).count(), 2);
         // There is room, but these events would come before the dropped ones.
@@ -309,7 +309,7 @@ mod tests {
         let sink = EventSink::new("", 1);
         let mut events = sink.events();
         for round in 1..5 {
-            (0..=round).for_each(|n| sink.tell(Instant::default(), lost(n)));
+            (0..=round).for_each(|n| sink.report(Instant::default(), lost(n)));
             let dropped = EventKind::Dropped { count: round };
             assert_eq!(kinds(&mut events), [lost(0), dropped]);
         }
@@ -349,7 +349,7 @@ mod tests {
             })
         });
         for n in 1..=COUNT {
-            sink.tell(Instant::from_nanos(n.into()), lost(n));
+            sink.report(Instant::from_nanos(n.into()), lost(n));
         }
         is_over.store(true, Ordering::Release);
         let told = takers.map(|taker| taker.join().expect("it ends"));
@@ -388,7 +388,7 @@ mod tests {
                 thread::yield_now();
             }
             sink.begin_cycle((n ^ 0x5555).into());
-            sink.tell(Instant::from_nanos(n.into()), kind);
+            sink.report(Instant::from_nanos(n.into()), kind);
         };
         for n in 1..=COUNT {
             let waiting = n ^ 0x5555;

@@ -27,7 +27,7 @@ pub struct CycleReport {
     /// detected: outputs follow the second master and this driver by turns. The driver does not
     /// make anything safe on its own, because the second master would override it at once: stop the
     /// machine by means that do not depend on this board.
-    pub others: u32,
+    pub foreign_packets: u32,
     /// Periods of the board without a good read since the last good one, where the [board
     /// paces](crate::driver::Pace::Board): packets were lost, or the host was late.
     pub missed_periods: u64,
@@ -61,7 +61,7 @@ impl CycleReport {
             && self.offline == 0
             && self.too_short == 0
             && self.lost_writes == 0
-            && self.others == 0
+            && self.foreign_packets == 0
             && self.missed_periods == 0
             && !self.unpaced
     }

@@ -39,7 +39,7 @@ impl EventRow {
         if self.reasons & reason == 0 {
             self.reasons |= reason;
             self.reported = self.reported.saturating_add(count);
-            sink.tell(now, kind);
+            sink.report(now, kind);
         }
     }
 
@@ -68,7 +68,7 @@ impl EventRow {
                 count,
                 lasted,
             };
-            sink.tell(now, kind);
+            sink.report(now, kind);
         }
     }
 }

@@ -246,7 +246,7 @@ impl Groups {
             armed: group.arming.is_armed(),
             age: self.age_of(group),
             faults: group.faults,
-            coming: group.arming.is_awaited(),
+            rearm_pending: group.arming.is_awaited(),
         })
     }
 

@@ -159,5 +159,5 @@ pub struct GroupState {
     pub faults: u64,
     /// The group is armed as soon as it runs, unless a fault comes before:
     /// [`Driver::rearm_when_running`](crate::Driver::rearm_when_running).
-    pub coming: bool,
+    pub rearm_pending: bool,
 }

@@ -205,7 +205,7 @@ impl Dpll {
             highest: libm::ldexp(turns, 32) as i64,
             instead: None,
         };
-        limit.tell(cycle, asked, self.config.hz as i64);
+        limit.report(cycle, asked, self.config.hz as i64);
     }
 }
 

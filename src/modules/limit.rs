@@ -39,7 +39,7 @@ impl Limit {
             return asked;
         };
         if cycle.pins.set_param(param, used).is_ok() {
-            self.tell(cycle, asked.into(), used.into());
+            self.report(cycle, asked.into(), used.into());
         }
         used
     }
@@ -61,7 +61,7 @@ impl Limit {
         if core::mem::replace(reported, wrong) != wrong
             && let Some(used) = used
         {
-            self.tell(cycle, asked.into(), used.into());
+            self.report(cycle, asked.into(), used.into());
         }
         used.unwrap_or(asked)
     }
@@ -75,7 +75,7 @@ impl Limit {
     }
 
     /// Reports a value that is not allowed.
-    pub fn tell(&self, cycle: &WriteCycle<'_>, asked: i64, used: i64) {
+    pub fn report(&self, cycle: &WriteCycle<'_>, asked: i64, used: i64) {
         let event = EventKind::ValueCorrected {
             setting: self.setting,
             number: self.number,
@@ -84,6 +84,6 @@ impl Limit {
             lowest: self.lowest,
             highest: self.highest,
         };
-        cycle.events.tell(cycle.now, event);
+        cycle.events.report(cycle.now, event);
     }
 }

@@ -164,20 +164,20 @@ impl ReadCycle<'_> {
     /// # const GTAG: Gtag = Gtag(0x99);
     /// # fn overflow(cycle: &ReadCycle<'_>, instance: u8) {
     /// const OVERFLOW: u32 = 1;
-    /// cycle.tell(GTAG, OVERFLOW, instance.into());
+    /// cycle.report(GTAG, OVERFLOW, instance.into());
     /// # }
     /// ```
     ///
     /// # Real time
     /// Constant time, no allocation.
-    pub fn tell(&self, module: Gtag, code: u32, value: u32) {
+    pub fn report(&self, module: Gtag, code: u32, value: u32) {
         let module = u32::from(module.0);
         let kind = EventKind::OfModule {
             module,
             code,
             value,
         };
-        self.events.tell(self.now, kind);
+        self.events.report(self.now, kind);
     }
 }
 

@@ -22,18 +22,18 @@ impl UnsureMask {
 
     /// Reports them, 32 numbers with an event.
     #[inline]
-    pub fn tell(&self, cycle: &ReadCycle<'_>, of: Positions) {
+    pub fn report(&self, cycle: &ReadCycle<'_>, of: Positions) {
         if self.is_any {
-            self.tell_each(cycle, of);
+            self.report_each(cycle, of);
         }
     }
 
     #[cold]
-    fn tell_each(&self, cycle: &ReadCycle<'_>, of: Positions) {
+    fn report_each(&self, cycle: &ReadCycle<'_>, of: Positions) {
         for (first, &mask) in (0_u32..).step_by(32).zip(&self.words) {
             if mask != 0 {
                 let kind = EventKind::PositionUnsure { of, first, mask };
-                cycle.events.tell(cycle.now, kind);
+                cycle.events.report(cycle.now, kind);
             }
         }
     }

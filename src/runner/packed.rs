@@ -29,7 +29,7 @@ packed!(DriverStatistics {
     watchdog_bites: u64,
     resets: u64,
     bus_down: u64,
-    others: u64,
+    foreign_packets: u64,
 });
 
 /// Number of counts of [`BusStatistics`].
@@ -63,8 +63,8 @@ impl Packed for GroupState {
     const WORDS: usize = 2 + Age::WORDS;
 
     fn pack(&self, to: &mut impl WordSink) {
-        let [valid, armed, coming] = [self.valid, self.armed, self.coming].map(u64::from);
-        to.put(valid | armed << 1 | coming << 2);
+        let [valid, armed, pending] = [self.valid, self.armed, self.rearm_pending].map(u64::from);
+        to.put(valid | armed << 1 | pending << 2);
         self.age.pack(to);
         to.put(self.faults);
     }
@@ -74,7 +74,7 @@ impl Packed for GroupState {
         Some(Self {
             valid: flags & 1 != 0,
             armed: flags & 2 != 0,
-            coming: flags & 4 != 0,
+            rearm_pending: flags & 4 != 0,
             age: Age::unpack(from)?,
             faults: from.next()?,
         })
@@ -113,7 +113,7 @@ mod tests {
             let state = GroupState {
                 valid,
                 armed,
-                coming: !armed,
+                rearm_pending: !armed,
                 age,
                 faults: 3,
             };
@@ -130,7 +130,7 @@ mod tests {
         assert_eq!(again(&run), Some(run));
         let words = 1..=DriverStatistics::WORDS as u64;
         let driver = DriverStatistics::unpack(&mut words.into_iter()).expect("enough words");
-        assert_eq!((driver.reads, driver.others), (1, 11));
+        assert_eq!((driver.reads, driver.foreign_packets), (1, 11));
         assert_eq!(again(&driver), Some(driver));
     }
 }

@@ -41,7 +41,7 @@ pub use policy::FaultPolicy;
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct Settings {
     /// The number of the board in pin names, for several boards of a kind; 0 by default.
-    /// [`Board::identify_with`](crate::Board::identify_with) sets it when the kind is known.
+    /// [`Board::identify_then`](crate::Board::identify_then) sets it when the kind is known.
     pub board_number: u8,
     /// The source of the initial values of pins and parameters; the board by default.
     pub defaults: Defaults,

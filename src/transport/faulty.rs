@@ -115,7 +115,7 @@ impl<B: ClockedBus> Faulty<B> {
         inner: impl Fn(&mut B, &mut [u32]) -> Result<T, BusError>,
     ) -> Result<T, BusError> {
         match fault {
-            Some(Fault::SilentWrite) if !reads(accesses) => {
+            Some(Fault::AckedButLost) if !reads(accesses) => {
                 self.unnoticed.tally(1);
                 Ok(unheard)
             }
@@ -126,7 +126,7 @@ impl<B: ClockedBus> Faulty<B> {
                 inner(&mut self.inner, &mut self.scratch)?;
                 Err(self.fail(exchange, kind))
             }
-            Some(Fault::SilentWrite) | None => inner(&mut self.inner, words),
+            Some(Fault::AckedButLost) | None => inner(&mut self.inner, words),
         }
     }
 
@@ -186,7 +186,7 @@ impl<B: ClockedBus> BusLayer for Faulty<B> {
         self.started = self.draw();
         match self.started.fault {
             Some(Fault::NotExecuted(_)) => Ok(()),
-            Some(Fault::SilentWrite) if !reads(list.as_ref()) => Ok(()),
+            Some(Fault::AckedButLost) if !reads(list.as_ref()) => Ok(()),
             _ => self.inner.start(list, words),
         }
     }

@@ -409,7 +409,7 @@ impl Application {
 
     /// The remotes that are armed as soon as they run.
     pub fn coming<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Vec<usize> {
-        let coming = self.coming_groups(driver).into_iter();
+        let coming = self.pending_groups(driver).into_iter();
         coming.filter_map(|group| group.checked_sub(1)).collect()
     }
 
@@ -420,8 +420,8 @@ impl Application {
     }
 
     /// Those that are armed as soon as they run.
-    pub fn coming_groups<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Vec<usize> {
-        self.groups(driver, |state| state.coming)
+    pub fn pending_groups<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Vec<usize> {
+        self.groups(driver, |state| state.rearm_pending)
     }
 
     /// Those that run: the board, and its remotes.

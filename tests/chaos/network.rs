@@ -119,7 +119,7 @@ impl Host for Faulty<Direct> {
         let fault = match kind {
             FaultKind::BusNotExecuted => Fault::NotExecuted(BusErrorKind::Lost),
             FaultKind::BusNoReply => Fault::Executed(BusErrorKind::Late),
-            _ => Fault::SilentWrite,
+            _ => Fault::AckedButLost,
         };
         let first = self.exchanges() + skip;
         for number in first..first + count {

@@ -323,7 +323,7 @@ impl Scenario {
     ) -> Checked {
         let good = report.is_some();
         self.what_is_told.read(good);
-        self.hears_others(report.map_or(0, |report| report.others))?;
+        self.hears_others(report.map_or(0, |report| report.foreign_packets))?;
         // The age of the board's own values counts from the end of the read that returned them,
         // which is not this one if this one failed.
         if good {

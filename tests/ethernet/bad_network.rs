@@ -403,7 +403,7 @@ fn beside(driver: &mut EthernetDriver, packets: usize) -> Vec<EventKind> {
             let reply = link.board.handle_packet(now, &question, &mut Vec::new());
             assert!(reply.is_some(), "it is answered");
         }
-        reported += driver.read().expect("a good network").others;
+        reported += driver.read().expect("a good network").foreign_packets;
         driver.write().expect("a good network");
         driver.bus_mut().wait(period);
     }
@@ -431,12 +431,12 @@ fn a_second_master_that_begins_later_is_an_event_and_counted_and_ends_nothing_by
         assert_eq!(beside(&mut driver, 2), [], "it is the same one");
     }
     assert_eq!(
-        driver.statistics().others,
-        driver.bus_mut().statistics().others
+        driver.statistics().foreign_packets,
+        driver.bus_mut().statistics().foreign_packets
     );
-    assert!(driver.statistics().others > 100);
+    assert!(driver.statistics().foreign_packets > 100);
     assert_eq!(driver.board_state(), mesa_hal::driver::BoardState::Running);
-    let counted = driver.statistics().others;
+    let counted = driver.statistics().foreign_packets;
     let mut over = Vec::new();
     for _ in 0..12 {
         over.extend(beside(&mut driver, 0));
@@ -444,8 +444,8 @@ fn a_second_master_that_begins_later_is_an_event_and_counted_and_ends_nothing_by
     let [EventKind::Repeated { count, lasted, .. }] = over[..] else {
         panic!("it has gone, and that is told once: {over:?}");
     };
-    assert_eq!(u64::from(count), driver.statistics().others);
+    assert_eq!(u64::from(count), driver.statistics().foreign_packets);
     assert!(lasted >= Duration::from_secs(2), "{lasted:?}");
-    assert_eq!(driver.statistics().others, counted);
+    assert_eq!(driver.statistics().foreign_packets, counted);
     assert_eq!(beside(&mut driver, 2).len(), 1, "another one");
 }

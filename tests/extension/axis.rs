@@ -396,7 +396,7 @@ fn a_lost_write_costs_no_edge_of_a_probe() {
         cycles(&mut driver, 120);
         driver.pins_mut().set(pins.probe_enable, true);
         let next = driver.bus_mut().exchanges();
-        driver.bus_mut().fail_at(next + lost, Fault::SilentWrite);
+        driver.bus_mut().fail_at(next + lost, Fault::AckedButLost);
         driver
             .bus_mut()
             .fail_at(next + lost + 1, Fault::NotExecuted(BusErrorKind::Lost));

@@ -91,7 +91,7 @@ impl Module for Gauge {
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
         let level = cycle.words.word(self.level);
         if level > 1_000 {
-            cycle.tell(GAUGE, 7, u32::from(self.number));
+            cycle.report(GAUGE, 7, u32::from(self.number));
         }
         self.missed += cycle.missed_periods() as u32;
         cycle.pins.publish(self.pins.level, level);

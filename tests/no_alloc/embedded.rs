@@ -176,7 +176,7 @@ fn disturb(machine: &mut Machine<Recorded>, step: u32) {
             let bus = &mut machine.driver.bus_mut().inner;
             let next = bus.exchanges();
             bus.fail_at(next, Fault::Executed(BusErrorKind::Late));
-            bus.fail_at(next + 1, Fault::SilentWrite);
+            bus.fail_at(next + 1, Fault::AckedButLost);
             bus.fail_at(next + 3, Fault::NotExecuted(BusErrorKind::Lost));
         }
         70 => machine

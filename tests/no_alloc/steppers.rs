@@ -63,7 +63,7 @@ fn step_generators_allocate_nothing_whatever_is_commanded_and_whatever_fails() {
             let next = driver.bus().exchanges();
             let bus = driver.bus_mut();
             bus.fail_at(next, Fault::NotExecuted(BusErrorKind::Lost));
-            bus.fail_at(next + 3, Fault::SilentWrite);
+            bus.fail_at(next + 3, Fault::AckedButLost);
         }
         if n % 1_900 == 1_899 {
             driver.bus_mut().wait(PERIOD * 40);

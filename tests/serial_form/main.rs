@@ -139,7 +139,7 @@ fn events_are_as_they_are_written_and_come_back() {
             asked: 20_000,
             left: 3_830,
         },
-        EventKind::StepgenStands {
+        EventKind::StepgenStalled {
             generator: 2,
             rate: 5_000,
         },

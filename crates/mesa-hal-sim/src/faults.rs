@@ -116,8 +116,8 @@ kinds! {
     BusNotExecuted "bus-not-executed" Bus,
     /// [`Fault::Executed`]: everything is executed, and the error reports an unusable reply.
     BusNoReply "bus-no-reply" Bus,
-    /// [`Fault::SilentWrite`]: a write is lost, which only a later exchange reports.
-    BusSilentWrite "bus-silent-write" Bus,
+    /// [`Fault::AckedButLost`]: a write is lost, which only a later exchange reports.
+    BusSilentWrite "bus-acked-but-lost" Bus,
     /// The application is late, within the time of the watchdog.
     HostLate "host-late" Host,
     /// The application stalls for longer.
@@ -161,7 +161,7 @@ impl From<Fault> for FaultKind {
         match fault {
             Fault::NotExecuted(_) => Self::BusNotExecuted,
             Fault::Executed(_) => Self::BusNoReply,
-            Fault::SilentWrite => Self::BusSilentWrite,
+            Fault::AckedButLost => Self::BusSilentWrite,
         }
     }
 }

@@ -547,7 +547,10 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         for (number, entry) in self.entries() {
             match pins.group_state(entry.group) {
                 Some(GroupState { armed: true, .. }) => armed |= 1 << number,
-                Some(GroupState { coming: false, .. }) => waiting |= 1 << number,
+                Some(GroupState {
+                    rearm_pending: false,
+                    ..
+                }) => waiting |= 1 << number,
                 _ => {}
             }
         }

@@ -106,7 +106,7 @@ fn start(
 ) -> Result<BoardDriver, LoadError> {
     let BoardParameters { place, config, .. } = board;
     let bus = Recording::new(open(&place)?, BusLog::new(0));
-    let board = Board::identify_with(bus, config.settings.clone(), |firmware, settings| {
+    let board = Board::identify_then(bus, config.settings.clone(), |firmware, settings| {
         let kind = firmware.idrom.board();
         let next = of_kind.entry(kind).or_default();
         settings.board_number = *next;

@@ -418,7 +418,7 @@ impl fmt::Display for Report<'_> {
             EventKind::StepRateLimited { generator, .. }
             | EventKind::StepTimeClipped { generator, .. }
             | EventKind::StepHoldShort { generator, .. }
-            | EventKind::StepgenStands { generator, .. } => {
+            | EventKind::StepgenStalled { generator, .. } => {
                 write!(f, ".stepgen.{generator:02}")?;
             }
             _ => {}
@@ -547,7 +547,7 @@ impl Report<'_> {
                 "the direction can change {left} ns after a pulse, and dirhold is {asked} ns; check steplen \
                  and dirhold, which share a register"
             ),
-            EventKind::StepgenStands { rate, .. } => write!(
+            EventKind::StepgenStalled { rate, .. } => write!(
                 f,
                 "stopped, because its accumulator does not move at {rate} steps/s; check \
                  {board}.stepgen.timer-number and the timers of the DPLL, then set its enable to FALSE and \

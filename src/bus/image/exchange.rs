@@ -142,7 +142,7 @@ impl Exchanges {
         ask: ReadRequest,
         form: CycleWrites,
     ) -> Result<Option<ReadRequest>, BusError> {
-        if form != CycleWrites::Settings || !words.has_news() {
+        if form != CycleWrites::Settings || !words.has_pending() {
             let after = Some(form);
             let with_writes = ReadRequest { after, ..ask };
             return self.start_read(bus, words, with_writes).map(Some);
@@ -171,7 +171,7 @@ impl Exchanges {
         form: CycleWrites,
     ) -> Result<(), BusError> {
         let list = match form {
-            CycleWrites::Settings if words.has_news() => {
+            CycleWrites::Settings if words.has_pending() => {
                 return self.write_parts(bus, words, WriteKind::Cycle);
             }
             CycleWrites::Settings | CycleWrites::Quiet => &self.lists.write,

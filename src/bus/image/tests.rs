@@ -328,7 +328,7 @@ fn what_drives_a_pin_is_written_alone_after_all_it_depends_on_until_the_board_sh
     let words = &mut image.words;
     words.set(direction, 3);
     words.set(invert, 2);
-    assert!(image.words.has_guarded_news());
+    assert!(image.words.has_guarded_pending());
     image
         .exchanges
         .write_guarded(&mut bus, &mut image.words)
@@ -342,7 +342,7 @@ fn what_drives_a_pin_is_written_alone_after_all_it_depends_on_until_the_board_sh
         .unwrap();
     image.words.guarded_sent();
     assert!(image.words.evidence_matches(), "what was driven is driven");
-    assert!(image.words.has_guarded_news(), "it has not arrived");
+    assert!(image.words.has_guarded_pending(), "it has not arrived");
     image
         .exchanges
         .write_guarded(&mut bus, &mut image.words)
@@ -352,12 +352,12 @@ fn what_drives_a_pin_is_written_alone_after_all_it_depends_on_until_the_board_sh
         .read_evidence(&mut bus, &mut image.words)
         .unwrap();
     image.words.guarded_sent();
-    assert!(!image.words.has_guarded_news());
+    assert!(!image.words.has_guarded_pending());
     let usual = [(0x0E00, 0x5A), (0x1000, 0), (0x5A00, 0)];
     bus.take_written();
     assert_eq!(written(&mut image, &mut bus), usual);
     image.words.confirm(false);
-    assert!(image.words.has_guarded_news(), "it may be undone");
+    assert!(image.words.has_guarded_pending(), "it may be undone");
 }
 
 #[test]
@@ -380,7 +380,7 @@ fn what_comes_late_after_the_set_up_does_not_undo_a_setting() {
     assert_eq!(written(&mut image, &mut bus), []);
     // A duplicate of the first write arrives late.
     image.words.confirm(false);
-    assert!(image.words.has_guarded_news());
+    assert!(image.words.has_guarded_pending());
     assert_eq!(written(&mut image, &mut bus), [(0x1400, 2)]);
 }
 

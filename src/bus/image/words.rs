@@ -22,9 +22,9 @@ pub struct Words {
     first_setting: usize,
     settings: Box<[SettingState]>,
     /// Some settings are to be written with the next write.
-    has_news: bool,
+    has_pending: bool,
     /// Some settings are to be written between two reads of the evidence.
-    has_guarded_news: bool,
+    has_guarded_pending: bool,
     /// Some settings were sent and are not confirmed yet.
     has_sent: bool,
     /// State of all replies since [`take_replies`](Self::take_replies).
@@ -102,8 +102,8 @@ impl Words {
             writes: writes.into(),
             first_setting: first_setting.into(),
             settings: settings.collect(),
-            has_news: false,
-            has_guarded_news: false,
+            has_pending: false,
+            has_guarded_pending: false,
             has_sent: false,
             replies: Reply::CERTAIN,
         }
@@ -190,8 +190,8 @@ impl Words {
         debug_assert!(state.is_some(), "a setting of another image");
         if let Some(state) = state {
             state.progress = Progress::Asked;
-            self.has_guarded_news |= state.is_guarded();
-            self.has_news |= !state.is_guarded();
+            self.has_guarded_pending |= state.is_guarded();
+            self.has_pending |= !state.is_guarded();
         }
     }
 
@@ -204,8 +204,8 @@ impl Words {
     }
 
     /// True if the next write contains settings.
-    pub(crate) fn has_news(&self) -> bool {
-        self.has_news
+    pub(crate) fn has_pending(&self) -> bool {
+        self.has_pending
     }
 
     /// True if a setting is to be written with the next write.
@@ -224,8 +224,8 @@ impl Words {
     }
 
     /// True if settings wait for a [guarded](super::Exchanges::write_guarded) write.
-    pub(crate) fn has_guarded_news(&self) -> bool {
-        self.has_guarded_news
+    pub(crate) fn has_guarded_pending(&self) -> bool {
+        self.has_guarded_pending
     }
 
     /// Processes a reply. `is_certain`: the newest write has arrived, and no older one after it.
@@ -309,12 +309,12 @@ impl Words {
 
     /// Changes the state of all settings; `change` receives the word of each.
     fn each_setting(&mut self, mut change: impl FnMut(&mut SettingState, u32)) {
-        (self.has_news, self.has_guarded_news, self.has_sent) = (false, false, false);
+        (self.has_pending, self.has_guarded_pending, self.has_sent) = (false, false, false);
         let words = self.content.iter().skip(self.first_setting);
         for (state, word) in self.settings.iter_mut().zip(words) {
             change(state, *word);
-            self.has_guarded_news |= state.is_asked(WriteKind::Guarded) && state.is_guarded();
-            self.has_news |= state.is_asked(WriteKind::Cycle);
+            self.has_guarded_pending |= state.is_asked(WriteKind::Guarded) && state.is_guarded();
+            self.has_pending |= state.is_asked(WriteKind::Cycle);
             self.has_sent |= matches!(state.progress, Progress::Sent(_));
         }
     }

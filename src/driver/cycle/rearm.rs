@@ -89,27 +89,29 @@ impl BoardCycle {
         };
         let groups = self.pins.change_all_arming(event);
         if groups > 0 {
-            self.events.tell(now, EventKind::RearmCancelled { groups });
+            self.events
+                .report(now, EventKind::RearmCancelled { groups });
         }
     }
 
     /// Counts the groups that are not armed after `armed` were.
     fn rearmed(&mut self, now: Instant, armed: usize, is_news: bool) -> Rearmed {
-        let (mut waiting, mut coming) = (0_usize, 0_usize);
+        let (mut waiting, mut rearm_pending) = (0_usize, 0_usize);
         for group in self.pins.groups() {
             let state = self.pins.group_state(group);
             waiting.tally(usize::from(state.is_some_and(|state| !state.armed)));
-            coming.tally(usize::from(state.is_some_and(|state| state.coming)));
+            rearm_pending.tally(usize::from(state.is_some_and(|state| state.rearm_pending)));
         }
         if armed > 0 || is_news {
             let [armed, waiting] =
                 [armed, waiting].map(|count| u32::try_from(count).unwrap_or(u32::MAX));
-            self.events.tell(now, EventKind::Rearmed { armed, waiting });
+            self.events
+                .report(now, EventKind::Rearmed { armed, waiting });
         }
         Rearmed {
             armed,
             waiting,
-            coming,
+            rearm_pending,
         }
     }
 }

@@ -177,7 +177,7 @@ impl BoardCycle {
         }
         (self.state, self.is_set_up_wanted) = (BoardState::Running, false);
         self.pins.change_all_arming(ArmingEvent::SetUp);
-        self.events.tell(now, EventKind::BoardSetUp);
+        self.events.report(now, EventKind::BoardSetUp);
         self.parts.connection.level = 0;
         self.old_read_errors = self.statistics.read_errors;
         self.write_failures = 0;
@@ -189,7 +189,7 @@ impl BoardCycle {
         self.outage.was_replaced = true;
         let state = BoardState::OtherFirmware;
         if core::mem::replace(&mut self.state, state) != state {
-            self.events.tell(now, EventKind::OtherFirmware);
+            self.events.report(now, EventKind::OtherFirmware);
         }
         self.cancel_rearm(now, true);
         self.is_set_up_wanted = false;

@@ -34,7 +34,7 @@ impl BoardCycle {
         self.not_read();
         if missed == self.pins.stale_after() {
             let writes = self.writes_since_read;
-            self.events.tell(now, EventKind::NotRead { writes });
+            self.events.report(now, EventKind::NotRead { writes });
             self.cancel_rearm(now, true);
             self.make_safe();
         }
@@ -91,11 +91,11 @@ impl BoardCycle {
             part.module.write(&mut cycle);
         }
         self.wants_extra = cycle.wants_extra;
-        if is_running && self.words.has_guarded_news() {
+        if is_running && self.words.has_guarded_pending() {
             self.look_closely();
             return Next::separate(Separate::Evidence, Then::Guard(Guard::Before));
         }
-        self.keep_quiet(now, is_running)
+        self.hold_inputs_only(now, is_running)
     }
 
     /// Continues with settings that drive pins. They could drive pins that the rest of the set-up
@@ -109,7 +109,7 @@ impl BoardCycle {
             self.asked = outcome.from;
         }
         if outcome.result.is_err() {
-            return self.keep_quiet(now, true);
+            return self.hold_inputs_only(now, true);
         }
         match step {
             Guard::Before => {
@@ -129,7 +129,7 @@ impl BoardCycle {
                 }
             }
         }
-        self.keep_quiet(now, true)
+        self.hold_inputs_only(now, true)
     }
 
     /// Orders that all pins become inputs in each cycle in which the board is known not to be set
@@ -138,7 +138,7 @@ impl BoardCycle {
     ///
     /// After settings that drive pins nothing is written before evidence is read: a board that has
     /// bitten meanwhile drives them until its watchdog bites again, which each write would put off.
-    fn keep_quiet(&mut self, now: Instant, has_run: bool) -> Next {
+    fn hold_inputs_only(&mut self, now: Instant, has_run: bool) -> Next {
         let writes = match self.state {
             BoardState::Running if self.evidence == Evidence::Unproven && !self.is_last => {
                 return self.end_without_write(now);

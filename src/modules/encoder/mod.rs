@@ -393,7 +393,7 @@ impl Module for Encoders {
                 unsure.add(number);
             }
         }
-        unsure.tell(cycle, Positions::Encoders);
+        unsure.report(cycle, Positions::Encoders);
     }
 
     fn run_on(&mut self, cycle: &RunOnCycle<'_>) {

@@ -75,7 +75,7 @@ fn register_remote(
             reason,
         );
         if let Some(event) = change.event.filter(|_| reason != OfflineReason::Absent) {
-            r.events.tell(at, event.of(id));
+            r.events.report(at, event.of(id));
         }
     }
     Ok(remote)

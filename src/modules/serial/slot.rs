@@ -196,7 +196,7 @@ impl RemoteSlot {
         now: Instant,
     ) {
         if pins.change_arming_of(self.pins.group, event) {
-            events.tell(now, EventKind::RemoteRearmCancelled { remote: self.id });
+            events.report(now, EventKind::RemoteRearmCancelled { remote: self.id });
         }
     }
 

@@ -187,7 +187,7 @@ impl Generator {
     /// Takes the accumulator. `gap_ns` is the time since the last good read. Returns true if a position that
     /// the application had is lost.
     pub fn read(&mut self, cycle: &mut ReadCycle<'_>, gap_ns: u64) -> bool {
-        self.reports.tell(cycle);
+        self.reports.report(cycle);
         let certain = cycle.certain;
         if self.change.read(certain) && self.rate.may_have_moved() {
             self.counts.doubt.add(true);

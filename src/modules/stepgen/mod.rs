@@ -275,7 +275,7 @@ impl Module for Stepgens {
                 unsure.add(number);
             }
         }
-        unsure.tell(cycle, Positions::StepGenerators);
+        unsure.report(cycle, Positions::StepGenerators);
     }
 
     fn run_on(&mut self, cycle: &RunOnCycle<'_>) {

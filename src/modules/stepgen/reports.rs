@@ -32,10 +32,10 @@ impl Reports {
 
     /// Reports what there is.
     #[inline]
-    pub fn tell(&mut self, cycle: &ReadCycle<'_>) {
+    pub fn report(&mut self, cycle: &ReadCycle<'_>) {
         if core::mem::take(&mut self.has_events) {
             for event in self.events.iter_mut().filter_map(Option::take) {
-                cycle.events.tell(cycle.now, event);
+                cycle.events.report(cycle.now, event);
             }
         }
     }
@@ -99,7 +99,7 @@ impl Reports {
 
     /// The accumulator stands still at a rate in steps per second.
     pub fn stands(&mut self, rate: f64) {
-        let event = EventKind::StepgenStands {
+        let event = EventKind::StepgenStalled {
             generator: self.generator,
             rate: rate as u32,
         };

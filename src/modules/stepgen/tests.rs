@@ -351,7 +351,7 @@ impl Machine {
                 EventKind::StepRateLimited { .. }
                     | EventKind::StepTimeClipped { .. }
                     | EventKind::StepHoldShort { .. }
-                    | EventKind::StepgenStands { .. }
+                    | EventKind::StepgenStalled { .. }
             )
         };
         let events = self.events.by_ref().map(|event| event.kind);

@@ -68,7 +68,7 @@ pub struct RemoteSnapshot {
     pub restarts: u64,
 }
 
-/// The state of the machine in a line: `cycle 5021: the board runs, groups armed: 3 of 5, coming: 1`.
+/// The state of the machine in a line: `cycle 5021: the board runs, groups armed: 3 of 5, re-arm pending: 1`.
 impl fmt::Display for Snapshot {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let number = self.cycle();
@@ -86,9 +86,9 @@ impl fmt::Display for Snapshot {
             groups.filter(|(_, state)| is(state)).count()
         };
         write!(f, "{} of {}", count(|state| state.armed), count(|_| true))?;
-        match count(|state| state.coming) {
+        match count(|state| state.rearm_pending) {
             0 => Ok(()),
-            coming => write!(f, ", coming: {coming}"),
+            pending => write!(f, ", re-arm pending: {pending}"),
         }
     }
 }
@@ -290,12 +290,12 @@ impl Snapshot {
             armed: false,
             age: Age::NEVER,
             faults: 0,
-            coming: false,
+            rearm_pending: false,
         });
         let is_fresh = self.is_fresh();
         state.valid &= is_fresh;
         state.armed &= is_fresh;
-        state.coming &= is_fresh;
+        state.rearm_pending &= is_fresh;
         state.age.time = state.age.time.saturating_add(self.age);
         state
     }

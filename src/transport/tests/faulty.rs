@@ -30,8 +30,8 @@ fn each_kind_is_injected_at_the_exchange_that_was_named() {
 #[test]
 fn a_write_that_is_lost_silently_is_told_with_the_next_reply() {
     let mut bus = Faulty::new(Memory::default(), 1);
-    bus.fail_at(0, Fault::SilentWrite);
-    bus.fail_at(1, Fault::SilentWrite);
+    bus.fail_at(0, Fault::AckedButLost);
+    bus.fail_at(1, Fault::AckedButLost);
     let write = bus.prepare(&[Access::write(0x1000, 0, 1)], None).unwrap();
     let read = bus.prepare(&[Access::read(0x1000, 0, 1)], None).unwrap();
     assert_eq!(bus.run(&write, &mut [5]), Ok(Reply::UNKNOWN));
@@ -49,7 +49,7 @@ fn a_write_that_is_lost_silently_is_told_with_the_next_reply() {
 #[test]
 fn a_write_that_is_lost_silently_is_a_doubt_of_the_next_plain_read() {
     let mut bus = Faulty::new(Memory::default(), 1);
-    bus.fail_at(0, Fault::SilentWrite);
+    bus.fail_at(0, Fault::AckedButLost);
     bus.write(0x1000, 5).unwrap();
     bus.write(0x1004, 6).unwrap();
     assert_eq!(bus.statistics().doubts, 0);

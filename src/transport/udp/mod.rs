@@ -158,7 +158,7 @@ impl<L: PacketLink> UdpBus<L> {
     /// A board executes packets from any sender, and two programs that drive the same board cause
     /// movements that neither has commanded. So the board is only watched at first, and nothing is
     /// written if another host drives it ([`check_alone`](Self::check_alone)). A sender that starts
-    /// later is detected in the cycle: [`BusStatistics::others`]. [`UdpConfig::beside_others`]
+    /// later is detected in the cycle: [`BusStatistics::foreign_packets`]. [`UdpConfig::beside_others`]
     /// disables both checks.
     pub fn new(link: L, config: UdpConfig) -> Result<Self, BusError> {
         let mut bus = Self::unasked(link, config);
@@ -230,7 +230,7 @@ impl<L: PacketLink> UdpBus<L> {
         let packets = after.wrapping_sub(before).wrapping_sub(own);
         let others = own.saturating_add(SURPLUS_LIMIT)..RESTARTED_COUNT;
         if others.contains(&packets) {
-            self.statistics.others.tally(packets.into());
+            self.statistics.foreign_packets.tally(packets.into());
             return Err(BusError::OtherHost { packets, within });
         }
         Ok(())

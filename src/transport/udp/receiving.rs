@@ -156,7 +156,7 @@ impl<L: PacketLink> UdpBus<L> {
         let others = self.others.add(counters);
         let others = others.filter(|_| !self.config.beside_others);
         let others = others.unwrap_or(0);
-        counted.others.tally(others.into());
+        counted.foreign_packets.tally(others.into());
         counted.lost_writes.tally(report.lost.into());
         counted.lost_writes = counted.lost_writes.saturating_sub(report.found.into());
         counted.late_writes.tally(report.late.into());
@@ -169,7 +169,7 @@ impl<L: PacketLink> UdpBus<L> {
             let reply = Reply::CERTAIN
                 .with_certain(!report.doubt)
                 .with_lost_writes(lost.saturating_sub(report.found))
-                .with_others(others);
+                .with_foreign_packets(others);
             self.replies = self.replies.and(reply);
         }
     }

@@ -67,7 +67,7 @@ impl Scenario {
         let waiting = application.waiting(driver);
         let before = std::mem::replace(&mut self.acts.waiting, waiting);
         let waiting = &self.acts.waiting;
-        let coming = application.coming_groups(driver);
+        let coming = application.pending_groups(driver);
         let running = application.running_groups(driver);
         let mut armed = before.iter().filter(|group| !waiting.contains(group));
         if !self.has_acted() {

@@ -238,7 +238,7 @@ fn on_bus(story: &mut Story<Faulty<SimFpga>>, kind: FaultKind) {
         let (after, fault) = match kind {
             FaultKind::BusNoReply => (0, Fault::Executed(BusErrorKind::Late)),
             FaultKind::BusNotExecuted => (0, Fault::NotExecuted(BusErrorKind::Lost)),
-            _ => (1, Fault::SilentWrite),
+            _ => (1, Fault::AckedButLost),
         };
         bus.fail_at(next + 20 * n + after, fault);
     }
@@ -390,7 +390,7 @@ fn a_bus_that_loses_one_packet_in_a_hundred_has_a_few_events_with_all_numbers() 
     let mut story = Story::of(Machine::on(bus, |s| s.bus_error_limit = 100));
     let bus = story.machine.driver.bus_mut();
     bus.fail_randomly(Fault::NotExecuted(BusErrorKind::Lost), 0.01);
-    bus.fail_randomly(Fault::SilentWrite, 0.01);
+    bus.fail_randomly(Fault::AckedButLost, 0.01);
     let cable = story.machine.cable(OUTPUTS);
     assert!(cable.inject_by_chance(Toward::Fpga, WireFault::Corrupted, 0.005));
     story.run(60_000);

@@ -320,7 +320,7 @@ fn events_of_lost_packets_contain_the_error_of_the_bus() {
     let mut rig = self::rig();
     let next = rig.machine.driver.bus().exchanges();
     let bus = rig.machine.driver.bus_mut();
-    bus.fail_at(next + 1, Fault::SilentWrite);
+    bus.fail_at(next + 1, Fault::AckedButLost);
     let told = rig.after(20);
     assert_eq!(told, [(2, EventKind::LostWrites { count: 1 })]);
 }

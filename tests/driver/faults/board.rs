@@ -202,7 +202,7 @@ fn inputs_of_a_doit_that_was_lost_on_its_way_are_not_taken_for_new() {
     let mut machine = faulty();
     let _ = machine.driver.read().unwrap();
     let next = machine.driver.bus_mut().exchanges();
-    machine.driver.bus_mut().fail_at(next, Fault::SilentWrite);
+    machine.driver.bus_mut().fail_at(next, Fault::AckedButLost);
     machine.driver.write().unwrap();
     machine.pass(Duration::from_millis(1));
     let report = machine.driver.read().unwrap();

@@ -332,7 +332,7 @@ impl Run {
                 let bus = self.machine.driver.bus_mut();
                 let next = bus.exchanges() + self.chance.below(2);
                 let fault = self.chance.of(&[
-                    Fault::SilentWrite,
+                    Fault::AckedButLost,
                     Fault::Executed(BusErrorKind::Lost),
                     Fault::NotExecuted(BusErrorKind::Lost),
                 ]);

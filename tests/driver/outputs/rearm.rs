@@ -66,7 +66,7 @@ fn one_call_after_a_bite_or_a_reset_arms_all_remotes_and_the_board_and_nothing_i
             events.by_ref().for_each(drop);
             let rearmed = machine.driver.rearm().expect("the bus is well");
             assert_eq!((rearmed.armed, rearmed.waiting), (0, 4), "{told}");
-            assert_eq!(rearmed.coming, 4, "{told}");
+            assert_eq!(rearmed.rearm_pending, 4, "{told}");
             let cycles = machine.until(200, |machine| armed(machine) == [true; 4]);
             machine.cycles(20);
             assert_eq!(armed(&machine), [true; 4], "{told}: {cycles} cycles");
@@ -125,7 +125,7 @@ fn a_remote_with_a_fault_of_its_own_waits_for_another_call() {
         }
         machine.cycles(100);
         let rearmed = machine.driver.rearm().expect("the bus is well");
-        assert_eq!(rearmed.coming, if before { 3 } else { 4 });
+        assert_eq!(rearmed.rearm_pending, if before { 3 } else { 4 });
         machine.cycles(400);
         assert_eq!(armed(&machine), [true, true, false, true]);
         machine.cable(OUTPUTS).replug();

@@ -158,8 +158,8 @@ fn one_call_arms_everything_however_long_it_takes_to_run() {
                 trouble.ends(&mut machine);
             }
             let rearmed = machine.driver.rearm_when_running();
-            assert_eq!(rearmed.waiting, rearmed.coming, "{told}");
-            assert_ne!(rearmed.coming, 0, "{told}");
+            assert_eq!(rearmed.waiting, rearmed.rearm_pending, "{told}");
+            assert_ne!(rearmed.rearm_pending, 0, "{told}");
             // A short circuit is sensed only while its output is on: the card would be armed, and fail
             // again.
             if matches!(trouble, Trouble::Unplugged(_)) {
@@ -259,7 +259,7 @@ fn another_device_or_a_fault_that_is_new_cancels_and_a_failed_attempt_does_not()
     commanded(&mut machine, 1_000);
     let is_coming = |machine: &Machine| {
         let state = machine.driver.pins().group_state(group);
-        state.expect("a group").coming
+        state.expect("a group").rearm_pending
     };
     assert!(is_coming(&machine), "ten attempts and more have failed");
     let mut description = FieldIo::description().expect("tables");
@@ -307,7 +307,10 @@ fn a_group_of_a_port_that_is_off_is_refused_with_the_reason_and_every_cancelled_
         "{refused:?}"
     );
     let rearmed = machine.driver.rearm_when_running();
-    assert_eq!((rearmed.armed, rearmed.waiting, rearmed.coming), (0, 3, 0));
+    assert_eq!(
+        (rearmed.armed, rearmed.waiting, rearmed.rearm_pending),
+        (0, 3, 0)
+    );
     Trouble::PortOff.ends(&mut machine);
     commanded(&mut machine, RECOVERED);
     assert_eq!(on(&machine), [false; 3]);
@@ -316,7 +319,7 @@ fn a_group_of_a_port_that_is_off_is_refused_with_the_reason_and_every_cancelled_
     Trouble::PortOff.begins(&mut machine);
     let mut told = events(&machine);
     Trouble::PortOff.ends(&mut machine);
-    assert_eq!(machine.driver.rearm_when_running().coming, 3);
+    assert_eq!(machine.driver.rearm_when_running().rearm_pending, 3);
     commanded(&mut machine, 1);
     Trouble::PortOff.begins(&mut machine);
     let is_cancelled = |kind: &EventKind| matches!(kind, EventKind::RemoteRearmCancelled { .. });
@@ -331,7 +334,7 @@ fn a_group_of_a_port_that_is_off_is_refused_with_the_reason_and_every_cancelled_
     let mut machine = running();
     let mut told = events(&machine);
     Trouble::Bite.begins(&mut machine);
-    assert_eq!(machine.driver.rearm_when_running().coming, 4);
+    assert_eq!(machine.driver.rearm_when_running().rearm_pending, 4);
     Trouble::Reset.begins(&mut machine);
     let cancelled = EventKind::RearmCancelled { groups: 4 };
     assert!(kinds(&mut told).contains(&cancelled));

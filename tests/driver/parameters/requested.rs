@@ -231,7 +231,7 @@ fn a_remote_that_is_not_there_keeps_its_value_and_the_others_run() {
 /// A single fault of the bus, in each exchange from the switch on.
 #[test]
 fn no_lost_packet_leaves_a_wrong_value_or_an_output_on() {
-    for fault in [NOT_EXECUTED, EXECUTED, Fault::SilentWrite] {
+    for fault in [NOT_EXECUTED, EXECUTED, Fault::AckedButLost] {
         for n in (0..180).step_by(4) {
             let mut machine = machine(fpga(), n);
             cycles(&mut machine, 5);

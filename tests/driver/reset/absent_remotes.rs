@@ -71,7 +71,7 @@ fn inputs_of_a_reset_board_are_valid_again_after_the_re_arm() {
         machine.cycles(200);
         assert_eq!(chain(&machine), None);
         let rearmed = machine.driver.rearm().expect("the board answers");
-        assert_eq!(rearmed.waiting, rearmed.coming);
+        assert_eq!(rearmed.waiting, rearmed.rearm_pending);
         let cycles = machine.until(6000, |machine| chain(machine) == Some(true));
         assert!(machine.is_armed(FIELD), "after {cycles} cycles");
         let safe = machine.cards.field.outputs[3];

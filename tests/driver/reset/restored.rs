@@ -37,7 +37,7 @@ fn restored_board_shows_its_inputs_and_arms_nothing() {
         machine.cycles(1);
         let board = machine.driver.pins().group_state(machine.driver.group());
         let board = board.expect("a group");
-        assert!(board.valid && !board.armed && !board.coming);
+        assert!(board.valid && !board.armed && !board.rearm_pending);
         assert!(
             ALL.iter()
                 .all(|&n| machine.is_valid(n) && !machine.is_armed(n))
@@ -46,7 +46,7 @@ fn restored_board_shows_its_inputs_and_arms_nothing() {
     }
     // The operator decides.
     let rearmed = machine.driver.rearm().expect("the bus does not fail");
-    assert_eq!((rearmed.waiting, rearmed.coming), (0, 0));
+    assert_eq!((rearmed.waiting, rearmed.rearm_pending), (0, 0));
     machine.cards.set_all(machine.driver.pins_mut());
     machine.cycles(5);
     assert!(is_any_output_on(&machine));

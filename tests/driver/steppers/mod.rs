@@ -163,7 +163,7 @@ fn a_motor_stands_after_a_bite_and_the_position_is_unsure() {
         machine.cycle(100.0);
     }
     let rearmed = machine.driver.rearm().expect("it answers");
-    assert!(rearmed.armed + rearmed.coming > 0, "{rearmed:?}");
+    assert!(rearmed.armed + rearmed.rearm_pending > 0, "{rearmed:?}");
     let (pins, mut moved) = (machine.pins, 0);
     for _ in 0..50 {
         let _ = machine.driver.read();
@@ -196,7 +196,7 @@ fn lost_packets_lose_no_step_of_the_motor() {
         .set_param(pins.maxaccel, 50.0)
         .expect("a value");
     let bus = machine.driver.bus_mut();
-    bus.fail_randomly(Fault::SilentWrite, 0.01);
+    bus.fail_randomly(Fault::AckedButLost, 0.01);
     bus.fail_randomly(Fault::NotExecuted(BusErrorKind::Lost), 0.005);
     for command in [2.0, 0.0, 3.0, 0.5] {
         for _ in 0..1_200 {

@@ -19,10 +19,10 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     /// The flags that keep the outputs off, also if HAL does not have them yet.
     fn flags(&self) -> Flags {
         let board = self.driver.pins().group_state(self.driver.group());
-        let is_coming = board.is_some_and(|state| state.coming);
+        let is_pending = board.is_some_and(|state| state.rearm_pending);
         // The user may have cleared the flag of a fault that is not over.
         let keeps_off = |flag: Option<PinId>| {
-            !is_coming || flag.is_some_and(|id| self.memory.load(id.index()) != 0)
+            !is_pending || flag.is_some_and(|id| self.memory.load(id.index()) != 0)
         };
         let [has_bit, io_error] = self.acknowledged.map(keeps_off);
         let state = self.driver.board_state();
@@ -36,7 +36,7 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
     /// State of the outputs of a remote by its number, or of the board.
     fn output_state(&self, number: usize) -> OutputState {
         let state = self.driver.pins().group_state(self.group(number));
-        if state.is_some_and(|state| state.armed || state.coming)
+        if state.is_some_and(|state| state.armed || state.rearm_pending)
             || self.rearming.follow_by_themselves(1 << number)
         {
             OutputState::Follow

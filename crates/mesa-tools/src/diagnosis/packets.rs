@@ -89,7 +89,7 @@ impl Packets {
             Pace::Board => unanswered,
         };
         let doubled = counted(|bus| bus.duplicate + bus.stale + bus.repeated_writes);
-        let blurred = doubled + counted(|bus| bus.others);
+        let blurred = doubled + counted(|bus| bus.foreign_packets);
         let boards = begin.board.zip(end.board);
         let arrived = |(begin, end): (BoardCounts, BoardCounts)| {
             let received = end.received.wrapping_sub(begin.received);

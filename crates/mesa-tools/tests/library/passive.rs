@@ -210,7 +210,7 @@ fn look_beside(pace: Pace) {
         machine.cycles
     );
     let end = machine.driver.statistics();
-    assert_eq!((begin.others, end.others), (0, 0));
+    assert_eq!((begin.foreign_packets, end.foreign_packets), (0, 0));
     assert_eq!(begin.read_errors, end.read_errors);
     assert_eq!(begin.lost_writes, end.lost_writes);
     let told = machine.driver.events();
@@ -239,7 +239,7 @@ fn who_asks_the_same_without_a_limit_is_taken_for_a_second_master() {
         machine.borrow_mut().cycle();
     }
     let machine = machine.borrow();
-    assert!(machine.driver.statistics().others > 100);
+    assert!(machine.driver.statistics().foreign_packets > 100);
 }
 
 #[test]

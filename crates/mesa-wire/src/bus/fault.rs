@@ -14,5 +14,5 @@ pub enum Fault {
     /// An exchange that only writes never arrives. As on Ethernet, the [`Reply`](super::Reply) of
     /// the next exchange that reads is the first evidence of it. Exchanges that read are not
     /// affected.
-    SilentWrite,
+    AckedButLost,
 }

@@ -135,8 +135,8 @@ pub struct Reply {
     pub certain: bool,
     /// Writes that this reply proves missing: not executed by the board, or not in time.
     pub lost_writes: u32,
-    /// Packets of another master of the same board: see [`BusStatistics::others`].
-    pub others: u32,
+    /// Packets of another master of the same board: see [`BusStatistics::foreign_packets`].
+    pub foreign_packets: u32,
     /// Time for which the board held the list back, if it was asked to: the part of its period that
     /// the host left unused.
     pub slack: Option<Duration>,
@@ -147,7 +147,7 @@ impl Reply {
     pub const CERTAIN: Self = Self {
         certain: true,
         lost_writes: 0,
-        others: 0,
+        foreign_packets: 0,
         slack: None,
     };
     /// No reply was expected: the fate of the writes is not known yet.
@@ -173,8 +173,11 @@ impl Reply {
 
     /// Sets the number of packets of another master.
     #[must_use]
-    pub const fn with_others(self, others: u32) -> Self {
-        Self { others, ..self }
+    pub const fn with_foreign_packets(self, foreign_packets: u32) -> Self {
+        Self {
+            foreign_packets,
+            ..self
+        }
     }
 
     /// Sets the time for which the board held the list back.
@@ -189,7 +192,7 @@ impl Reply {
         Self {
             certain: self.certain && later.certain,
             lost_writes: self.lost_writes.saturating_add(later.lost_writes),
-            others: self.others.saturating_add(later.others),
+            foreign_packets: self.foreign_packets.saturating_add(later.foreign_packets),
             slack: later.slack,
         }
     }
@@ -263,7 +266,7 @@ pub struct BusStatistics {
     /// every second in which it continues; bursts shorter than 0.2 s are not detected. Detection
     /// needs at least ten replies per second. Lost packets of this bus reduce the count, and every
     /// duplicate reply raises the threshold by four packets, as evidence of duplicate requests.
-    pub others: u64,
+    pub foreign_packets: u64,
     /// Bytes sent, without the headers of lower layers.
     pub bytes_sent: u64,
     /// Bytes received and accepted, without the headers of lower layers.
@@ -296,7 +299,7 @@ impl BusStatistics {
             repeated_writes,
             unconfirmed_writes,
             doubts,
-            others,
+            foreign_packets,
             bytes_sent,
             bytes_received,
         } = *self;
@@ -313,7 +316,7 @@ impl BusStatistics {
             repeated_writes,
             unconfirmed_writes,
             doubts,
-            others,
+            foreign_packets,
             bytes_sent,
             bytes_received,
         ]
@@ -335,7 +338,7 @@ impl BusStatistics {
             repeated_writes,
             unconfirmed_writes,
             doubts,
-            others,
+            foreign_packets,
             bytes_sent,
             bytes_received,
         ] = counts;
@@ -352,7 +355,7 @@ impl BusStatistics {
             repeated_writes,
             unconfirmed_writes,
             doubts,
-            others,
+            foreign_packets,
             bytes_sent,
             bytes_received,
         }

@@ -122,7 +122,7 @@ fn report_failure(remotes: &Remotes, now: Instant, write: &ParameterWrite) {
     if let Some(remote) = remotes.get(write.channel) {
         let (remote, parameter) = (remote.id(), write.parameter.into());
         let kind = EventKind::ParameterNotWritten { remote, parameter };
-        remotes.events().tell(now, kind);
+        remotes.events().report(now, kind);
     }
 }
 

@@ -119,7 +119,7 @@ fn lost_writes_and_reads_make_no_more_steps_than_their_age_and_the_position_stay
     machine
         .driver
         .bus_mut()
-        .fail_randomly(Fault::SilentWrite, 0.02);
+        .fail_randomly(Fault::AckedButLost, 0.02);
     machine
         .driver
         .bus_mut()
@@ -195,7 +195,7 @@ fn a_doubt_in_motion_soon_after_a_set_up_makes_the_position_unsure_and_later_it_
         machine
             .driver
             .bus_mut()
-            .fail_at(next + 1, Fault::SilentWrite);
+            .fail_at(next + 1, Fault::AckedButLost);
         for _ in 0..3 {
             machine.cycle(100.0);
         }

@@ -72,7 +72,7 @@ impl Machine {
         self.wait(20 * MS);
         self.idle_for(3);
         let rearmed = self.driver.rearm().expect("it is there");
-        assert_eq!(rearmed.waiting, rearmed.coming, "{rearmed:?}");
+        assert_eq!(rearmed.waiting, rearmed.rearm_pending, "{rearmed:?}");
         self.idle_for(3);
     }
 

@@ -247,7 +247,7 @@ fn an_edge_in_the_period_of_a_lost_write_is_latched() {
     machine
         .driver
         .bus_mut()
-        .fail_at(next + 1, Fault::SilentWrite);
+        .fail_at(next + 1, Fault::AckedButLost);
     machine.cycle(0.0);
     let now = machine.fpga().now().as_nanos();
     machine.model().advance(now);

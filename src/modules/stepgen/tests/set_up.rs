@@ -68,7 +68,7 @@ fn nothing_moves_before_a_read_has_confirmed_the_times() {
         .set(machine.pins.position_cmd, 1.0);
     // The write with the times is lost.
     let next = machine.driver.bus_mut().exchanges();
-    machine.driver.bus_mut().fail_at(next, Fault::SilentWrite);
+    machine.driver.bus_mut().fail_at(next, Fault::AckedButLost);
     machine.driver.write().unwrap();
     machine.wait(MS);
     assert_eq!(machine.generator().step_len, 0x3FFF);
@@ -139,7 +139,7 @@ fn a_table_is_written_whole_and_its_length_exchanges_no_outputs() {
         .unwrap();
     let _ = machine.driver.read();
     let next = machine.driver.bus_mut().exchanges();
-    machine.driver.bus_mut().fail_at(next, Fault::SilentWrite);
+    machine.driver.bus_mut().fail_at(next, Fault::AckedButLost);
     machine.driver.write().unwrap();
     machine.wait(MS);
     machine.cycle(0.0);
@@ -162,7 +162,7 @@ fn a_table_is_written_whole_and_its_length_exchanges_no_outputs() {
             machine
                 .driver
                 .bus_mut()
-                .fail_at(next + 1, Fault::SilentWrite);
+                .fail_at(next + 1, Fault::AckedButLost);
         }
         machine.cycle(1.0);
         assert!(machine.motor == 0 || period > 95, "{period}");

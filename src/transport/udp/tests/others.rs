@@ -46,7 +46,7 @@ fn run(bus: &mut UdpBus<Network>, weather: Weather, dice: &[u32]) -> Vec<u32> {
         let mut words = [0; 3];
         let _ = bus.run(&cycle.write, &mut words);
         if let Ok(reply) = bus.run(&cycle.read, &mut words) {
-            told.extend(Some(reply.others).filter(|others| *others > 0));
+            told.extend(Some(reply.foreign_packets).filter(|others| *others > 0));
         }
         bus.wait(MS);
     }
@@ -74,11 +74,11 @@ fn somebody_who_begins_later_is_told_by_the_replies_of_the_cycle() {
         bus.link().of_others = now / every;
         let told = run(&mut bus, Weather::GOOD, &dice(2, 3000));
         assert!(told.len() >= 2, "every {every} ns: {told:?}");
-        let counted = bus.statistics().others;
+        let counted = bus.statistics().foreign_packets;
         assert_eq!(counted, told.iter().copied().map(u64::from).sum::<u64>());
         let error = bus.check_alone().unwrap_err();
         assert!(matches!(error, BusError::OtherHost { .. }), "{error}");
-        assert!(bus.statistics().others > counted);
+        assert!(bus.statistics().foreign_packets > counted);
         (bus.link().other_host, bus.link().of_others) = (None, 0);
         bus.check_alone().unwrap();
     }
@@ -91,7 +91,7 @@ fn somebody_who_looks_at_the_board_is_not_told() {
         bus.link().received += 1000;
         assert_eq!(run(&mut bus, Weather::GOOD, &dice(1, 1100)), NOBODY);
     }
-    assert_eq!(bus.statistics().others, 0);
+    assert_eq!(bus.statistics().foreign_packets, 0);
 }
 
 #[test]
@@ -103,7 +103,7 @@ fn who_asked_to_be_beside_others_is_told_nothing() {
     let mut bus = UdpBus::new(Network::default(), config).unwrap();
     bus.link().other_host = Some(500_000);
     assert_eq!(run(&mut bus, Weather::GOOD, &dice(1, 2000)), NOBODY);
-    assert_eq!(bus.statistics().others, 0);
+    assert_eq!(bus.statistics().foreign_packets, 0);
     bus.check_alone().unwrap();
 }
 
@@ -132,7 +132,7 @@ proptest! {
         let weather = Weather { lost, late, doubled };
         let told = run(&mut bus, weather, &dice(seed, 2500));
         prop_assert_eq!(told, NOBODY);
-        prop_assert_eq!(bus.statistics().others, 0);
+        prop_assert_eq!(bus.statistics().foreign_packets, 0);
     }
 
     #[test]

@@ -45,7 +45,7 @@ fn lost_writes_outside_the_cycle_leave_no_output_on() {
             let _ = machine.fpga().set_director(Box::new(Off(off.clone())));
             let bus = machine.driver.bus_mut();
             let next = bus.exchanges() + first;
-            (next..next + lost).for_each(|n| bus.fail_at(n, Fault::SilentWrite));
+            (next..next + lost).for_each(|n| bus.fail_at(n, Fault::AckedButLost));
             let begun = machine.now();
             let done = if proves {
                 machine.driver.prove_watchdogs()

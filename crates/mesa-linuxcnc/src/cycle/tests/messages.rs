@@ -297,7 +297,7 @@ fn a_generator_that_is_stopped_is_an_error_with_its_name() {
         };
         (report.level(), report.to_string())
     };
-    let (level, text) = say(EventKind::StepgenStands {
+    let (level, text) = say(EventKind::StepgenStalled {
         generator: 4,
         rate: 2_000,
     });
@@ -399,7 +399,7 @@ fn an_error_fits_on_the_operators_screen() {
             asked: all,
             left: all,
         },
-        EventKind::StepgenStands {
+        EventKind::StepgenStalled {
             generator: 31,
             rate: all,
         },

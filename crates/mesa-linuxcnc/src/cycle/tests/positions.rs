@@ -120,7 +120,7 @@ fn a_doubt_at_the_start_is_on_no_screen_and_a_loss_is() {
         bench.run(in_cycle);
         let next = exchanges(&bench);
         let bus = bench.cycle.driver.bus_mut();
-        bus.fail_at(next + 1, Fault::SilentWrite);
+        bus.fail_at(next + 1, Fault::AckedButLost);
         bench.run(300);
         assert!(bench.is_on("encoder.00.count-unsure"), "{in_cycle}");
         assert_eq!(bench.heard(Level::Error), [""; 0], "{in_cycle}");

@@ -39,7 +39,7 @@ pub fn trouble(state: BoardState) -> Option<BoardState> {
 /// Fails if another program was found to drive the board during the run, because readings are
 /// uncertain then.
 pub fn check_alone(bus: &impl RegisterBus) -> Result<(), Failure> {
-    match bus.statistics().others {
+    match bus.statistics().foreign_packets {
         0 => Ok(()),
         packets => {
             let packets = u32::try_from(packets).unwrap_or(u32::MAX);
