@@ -3,10 +3,10 @@
 //!
 //! The program runs itself under callgrind, which counts only inside [`counted_cycle`]. Prints a
 //! line for each machine: `three` is a 7I92 with a 7I77 (field I/O and analog) and a 7I72, a number
-//! is that many field I/O cards. A second line has the registers that a cycle reads and writes, which
-//! decide its cost on the PCI bus. Then for a 7I92 with five and with ten step generators, which
-//! follow a moving command: the cycle, and what each generator adds to that of the same firmware
-//! without them. Counts do not depend on the machine or on its load.
+//! is that many field I/O cards. A second line has the registers that a cycle reads and writes,
+//! which decide its cost on the PCI bus. Then for a 7I92 with five and with ten step generators,
+//! which follow a moving command: the cycle, and what each generator adds to that of the same
+//! firmware without them. Counts do not depend on the machine or on its load.
 
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 

@@ -1,13 +1,14 @@
-//! Follows an emergency-stop chain on a simulated 7I77: an axis moves only while the chain is closed, its
-//! limit switch is free and its outputs are armed, and starts again only when a button is pressed.
+//! Follows an emergency-stop chain on a simulated 7I77: an axis moves only while the chain is
+//! closed, its limit switch is free and its outputs are armed, and starts again only when a button
+//! is pressed.
 //!
-//! The chain itself removes the power of the drives by its own contacts. A program only follows it: no
-//! software is a safety function.
+//! The chain itself removes the power of the drives by its own contacts. A program only follows it:
+//! no software is a safety function.
 //!
 //! - An input counts while it is valid, or was a few cycles ago; without it the chain is open.
 //! - Nothing starts by itself: after a stop or a fault the button must be pressed.
-//! - A board that was reset gets its set-up back at once, so that its inputs are read, but its outputs
-//!   stay off until the button is pressed.
+//! - A board that was reset gets its set-up back at once, so that its inputs are read, but its
+//!   outputs stay off until the button is pressed.
 
 use std::error::Error;
 use std::mem::replace;

@@ -1,5 +1,5 @@
-//! Closes six position loops with the analog outputs and encoders of a 7I77: on a simulated 7I92 with
-//! motors, or on an Ethernet board with a 7I77 on its first port, or on a 7I97.
+//! Closes six position loops with the analog outputs and encoders of a 7I77: on a simulated 7I92
+//! with motors, or on an Ethernet board with a 7I77 on its first port, or on a 7I97.
 //!
 //! ```text
 //! cargo run --release --example servo_loop -- [--addr IP[:PORT]] [--seconds N]
@@ -110,7 +110,8 @@ fn run() -> Result<ExitCode, Box<dyn Error>> {
     })
 }
 
-/// The analog outputs of a 7I97, or else of the 7I77 on channel 1, each with an encoder of the board.
+/// The analog outputs of a 7I97, or else of the 7I77 on channel 1, each with an encoder of the
+/// board.
 fn axes(driver: &mut Driver<DynBus>) -> Result<Vec<Axis>, Box<dyn Error>> {
     let drives = match driver.attach_board::<I7i97>() {
         Ok(board) => board.analog_out,

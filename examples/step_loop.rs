@@ -1,8 +1,9 @@
 //! Five stepper axes on a 7I76: the sister of `servo_loop`, on the embedded simulated FPGA.
 //!
 //! The board is a simulated 7I92 with a motor at each step generator, on virtual time. Each axis
-//! follows a path of its own, with speed and acceleration as real machines have them, and the motors,
-//! which lose steps when they are asked for too much, are compared with what the driver reports.
+//! follows a path of its own, with speed and acceleration as real machines have them, and the
+//! motors, which lose steps when they are asked for too much, are compared with what the driver
+//! reports.
 
 use std::error::Error;
 use std::fmt::Write;

@@ -22,7 +22,7 @@ mod tests {
     use core::time::Duration;
 
     #[test]
-    fn a_fraction_of_a_time_is_no_shorter_where_it_can_not_be_told() {
+    fn incomputable_fraction_of_a_duration_is_the_maximum() {
         let ms = Duration::from_millis(1);
         assert_eq!(ms.fraction(3, 4), Duration::from_micros(750));
         assert_eq!(

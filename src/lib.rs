@@ -121,9 +121,10 @@
 //!   from the next one by the pause of a channel after a failure; two consecutive replies with that
 //!   delay are not.
 //! - A program that drives the same board is detected when the bus is opened, and in the cycle when
-//!   it sends as many packets for a second ([`BusStatistics::foreign_packets`](bus::BusStatistics::foreign_packets));
-//!   a program that sends fewer is not. Never let two programs drive one board: commands that it
-//!   has sent until then are executed.
+//!   it sends as many packets for a second
+//!   ([`BusStatistics::foreign_packets`](bus::BusStatistics::foreign_packets)); a program that
+//!   sends fewer is not. Never let two programs drive one board: commands that it has sent until
+//!   then are executed.
 //! - A write packet that the network delays is executed when it arrives: for a short time the
 //!   outputs are older than the newest. The next reply shows it, and the next write overrides it.
 //!

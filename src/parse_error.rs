@@ -20,8 +20,8 @@ pub struct ParseError {
 const SHOWN: usize = 80;
 
 impl ParseError {
-    /// Shows a text as messages repeat it: one of more than 80 characters by its beginning, with its
-    /// length.
+    /// Shows a text as messages repeat it: one of more than 80 characters by its beginning, with
+    /// its length.
     pub fn shortened(text: &str) -> impl fmt::Display + '_ {
         Shortened(text)
     }

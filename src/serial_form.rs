@@ -155,7 +155,7 @@ mod tests {
     use crate::{Pace, Settings};
 
     #[test]
-    fn a_settings_file_says_what_differs_from_the_default_and_nothing_that_is_not_known() {
+    fn settings_file_holds_differences_and_refuses_unknown_names() {
         let some = r#"{"period": 0.0005, "fault_policy": {"fault_lim": 50}}"#;
         let settings: Settings = from_str(some).expect("settings");
         assert_eq!(settings.period, Duration::from_micros(500));
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn an_event_is_flat_and_comes_back() {
+    fn event_is_flat_and_comes_back() {
         let reason = OfflineReason::FieldPower(RemoteFaults::LOW_VOLTAGE);
         let kind = EventKind::RemoteOffline {
             remote: RemoteId::new(0, 2),

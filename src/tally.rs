@@ -25,7 +25,7 @@ mod tests {
     use super::Tally;
 
     #[test]
-    fn a_counter_stops_at_its_greatest_value() {
+    fn counter_stops_at_its_greatest_value() {
         let mut count = u32::MAX - 1;
         count.tally(1);
         assert_eq!(count, u32::MAX);

@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_connector_of_a_7i92_is_p2() {
+    fn first_connector_of_a_7i92_is_p2() {
         let [io] = BoardTable::I7I92.terminals else {
             panic!("one kind");
         };

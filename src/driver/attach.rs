@@ -22,8 +22,8 @@ impl<B: RegisterBus + Clock> Configured<B> {
         RemoteTable::attach(self.pins(), found, remote)
     }
 
-    /// The handles of a whole card with `first` as its first channel: those of its remotes and of its
-    /// encoders.
+    /// The handles of a whole card with `first` as its first channel: those of its remotes and of
+    /// its encoders.
     ///
     /// # Errors
     /// [`AttachError`]: no connector with that channel has the pins of such a card, or one of its

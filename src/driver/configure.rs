@@ -23,8 +23,8 @@ use crate::modules::gpio::Gpio;
 use crate::modules::watchdog::{Watchdog, WatchdogRegisters};
 use crate::modules::{RegisterError, Registrar, undriven};
 
-/// An identified board: its firmware is known, and nothing is driven. Modules are [added](Self::add)
-/// in this stage. Firmware, name and pins are those of its [`Plan`].
+/// An identified board: its firmware is known, and nothing is driven. Modules are
+/// [added](Self::add) in this stage. Firmware, name and pins are those of its [`Plan`].
 ///
 /// Dropping it makes the board drive nothing.
 #[derive(Debug)]
@@ -32,10 +32,10 @@ pub struct Board<B: RegisterBus + Clock>(pub(super) Assembly<B>);
 
 /// A board that is set up, with all outputs off, and whose remotes are known.
 ///
-/// The remotes stay in setup mode until the [start](Self::start): in this stage their parameters are
-/// [read](Self::read_remote_parameter) and [written](Self::write_remote_parameter), and handles are
-/// [attached](Self::attach). Firmware, name and pins are those of its [`Plan`]. Dropping it makes
-/// the board drive nothing.
+/// The remotes stay in setup mode until the [start](Self::start): in this stage their parameters
+/// are [read](Self::read_remote_parameter) and [written](Self::write_remote_parameter), and handles
+/// are [attached](Self::attach). Firmware, name and pins are those of its [`Plan`]. Dropping it
+/// makes the board drive nothing.
 #[derive(Debug)]
 pub struct Configured<B: RegisterBus + Clock>(pub(super) Assembly<B>);
 
@@ -273,8 +273,8 @@ impl<B: RegisterBus + Clock> Assembly<B> {
         self.finish_gpio()
     }
 
-    /// Gives the pins of serial channels on which nothing answers back to plain I/O, as LinuxCNC does,
-    /// and gives those of modules their second names.
+    /// Gives the pins of serial channels on which nothing answers back to plain I/O, as LinuxCNC
+    /// does, and gives those of modules their second names.
     fn finish_gpio(&mut self) -> Result<(), DriverError> {
         if self.plan.settings.defaults != Defaults::LinuxCnc {
             return Ok(());

@@ -46,15 +46,16 @@ enum Evidence {
 ///    [`begin_identification`](Self::begin_identification) and
 ///    [`begin_following`](Self::begin_following). Each returns the [`Next`] step.
 /// 2. If that is an [`Order`], the driver does its exchange with [`words`](Self::words), and passes
-///    the order back with the outcome: [`after`](Self::after) consumes it, and returns the next step.
-///    Only the cycle makes an order, so no outcome can be passed twice or for another exchange.
+///    the order back with the outcome: [`after`](Self::after) consumes it, and returns the next
+///    step. Only the cycle makes an order, so no outcome can be passed twice or for another
+///    exchange.
 /// 3. At the [end](Next::End) the operation has a result. After a good read, the report is in
 ///    [`report`](Self::report).
 ///
 /// Everything else is called between two operations: access to pins and parts, re-arming
 /// ([`rearm`](Self::rearm), [`rearm_when_running`](Self::rearm_when_running)),
-/// [`make_safe`](Self::make_safe), [`look_closely`](Self::look_closely), and questions. An operation
-/// that is given up between two steps leaves the board as after a failed exchange; only
+/// [`make_safe`](Self::make_safe), [`look_closely`](Self::look_closely), and questions. An
+/// operation that is given up between two steps leaves the board as after a failed exchange; only
 /// [`end`](Self::end) is called after it.
 ///
 /// # Real time
@@ -197,8 +198,8 @@ impl BoardCycle {
         Next::order(Exchange::Read { extra }, Then::Read)
     }
 
-    /// Begins to read a board that waits to be re-armed; `None` for one that runs, or in whose place
-    /// another one has answered.
+    /// Begins to read a board that waits to be re-armed; `None` for one that runs, or in whose
+    /// place another one has answered.
     pub fn begin_following(&self) -> Option<Next> {
         let is_read = !matches!(self.state, BoardState::Running | BoardState::OtherFirmware);
         is_read.then(|| Next::separate(Separate::Everything, Then::Follow))

@@ -10,7 +10,8 @@ use crate::remote::RemotePins;
 use crate::sslbp::PortLink;
 
 impl<B: RegisterBus + Clock> Configured<B> {
-    /// The remotes that take part, with their addresses, port by port; absent optional ones included.
+    /// The remotes that take part, with their addresses, port by port; absent optional ones
+    /// included.
     pub fn remotes(&self) -> impl Iterator<Item = (RemoteId, &RemotePart)> {
         let stages = self.0.stages.iter();
         stages.flat_map(|stage| {

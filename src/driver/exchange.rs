@@ -58,12 +58,12 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// application that neither reads nor writes meanwhile, like the component for LinuxCNC.
     /// Returns true if the board was read.
     ///
-    /// Inputs keep their values, which are not valid. A read that fails is neither counted nor reported,
-    /// because the fault before it was; a reset that it finds is.
+    /// Inputs keep their values, which are not valid. A read that fails is neither counted nor
+    /// reported, because the fault before it was; a reset that it finds is.
     ///
     /// # Real time
-    /// One exchange. None, and false, for a board that runs, or in whose place another one has answered.
-    /// No allocation.
+    /// One exchange. None, and false, for a board that runs, or in whose place another one has
+    /// answered. No allocation.
     pub fn follow(&mut self) -> bool {
         let follow = self.cycle.begin_following();
         follow.is_some_and(|follow| self.run(follow).is_ok())

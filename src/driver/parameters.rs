@@ -166,8 +166,8 @@ impl<B: RegisterBus + Clock> Configured<B> {
 }
 
 impl<B: RegisterBus + Clock> Configured<B> {
-    /// Accesses the memory of a remote, or one of its local locations, for what is no parameter: its
-    /// fault byte, or process data in its memory. Returns the value that a read reads.
+    /// Accesses the memory of a remote, or one of its local locations, for what is no parameter:
+    /// its fault byte, or process data in its memory. Returns the value that a read reads.
     ///
     /// # Errors
     /// [`DriverError::Attach`] if no remote takes part there now. [`DriverError::Port`],
@@ -231,19 +231,20 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     /// Requests the write of a parameter that a remote stores, for the next time that its port is
-    /// switched on: with the pin `sserial.port-N.run`, false and then true, as in LinuxCNC. `name` is
-    /// spelled as by the remote or as by LinuxCNC.
+    /// switched on: with the pin `sserial.port-N.run`, false and then true, as in LinuxCNC. `name`
+    /// is spelled as by the remote or as by LinuxCNC.
     ///
-    /// Nothing is stopped by this call. While the port starts again, in the cycles after `run` became
-    /// true, its remotes with requests are started in setup mode, their parameters are written and
-    /// read back, an access in each cycle, and all its remotes are started for process data. The
-    /// remotes of other ports transfer meanwhile. The parameter's pin shows the new value when the
-    /// remote has it; otherwise it keeps its value, and
+    /// Nothing is stopped by this call. While the port starts again, in the cycles after `run`
+    /// became true, its remotes with requests are started in setup mode, their parameters are
+    /// written and read back, an access in each cycle, and all its remotes are started for process
+    /// data. The remotes of other ports transfer meanwhile. The parameter's pin shows the new value
+    /// when the remote has it; otherwise it keeps its value, and
     /// [`EventKind::ParameterNotWritten`](crate::driver::EventKind::ParameterNotWritten) reports
-    /// that. A port that is switched on again before it has stopped writes at its next whole restart.
+    /// that. A port that is switched on again before it has stopped writes at its next whole
+    /// restart.
     ///
-    /// A second request for a parameter replaces the first. A non-volatile parameter is written only
-    /// if its value changes, and the remote uses it from its next power-up on.
+    /// A second request for a parameter replaces the first. A non-volatile parameter is written
+    /// only if its value changes, and the remote uses it from its next power-up on.
     ///
     /// # Errors
     /// [`DriverError`], if it concerns remote, name or value; nothing is requested then.

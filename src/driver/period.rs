@@ -13,7 +13,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// for a program that learns its period only when its cycle begins. With the period change what
     /// follows from it: the time of the board's watchdog and the frequency of the DPLL, unless the
     /// application has set them by [`Settings::watchdog`](super::Settings::watchdog) or by their
-    /// pins; and the deadline of a reply. A DPLL whose prescale cannot follow the period is left alone.
+    /// pins; and the deadline of a reply. A DPLL whose prescale cannot follow the period is left
+    /// alone.
     ///
     /// # Errors
     /// [`DriverError::PeriodInUse`] after the first write, or where the board paces the cycle.

@@ -31,10 +31,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
         Ok(self.cycle.rearm(now))
     }
 
-    /// Gives a board that has lost its set-up all of it back, in one exchange, and arms nothing: its inputs
-    /// are valid with the next good reads, remotes start again, and all outputs stay safe until they are
-    /// re-armed. For a machine that shall show its inputs while an operator decides. No effect on a board
-    /// that runs, and on one that does not answer as a `HostMot2`, as during a reset: call it again then.
+    /// Gives a board that has lost its set-up all of it back, in one exchange, and arms nothing:
+    /// its inputs are valid with the next good reads, remotes start again, and all outputs stay
+    /// safe until they are re-armed. For a machine that shall show its inputs while an operator
+    /// decides. No effect on a board that runs, and on one that does not answer as a `HostMot2`, as
+    /// during a reset: call it again then.
     ///
     /// # Errors
     /// Those of the bus, and [`CycleError::OtherFirmware`].
@@ -53,16 +54,17 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// Lets all outputs follow the application: groups that run at once, and every other group as
     /// soon as it runs, unless a new fault comes before. Values set until then are discarded.
     ///
-    /// A board that has lost its set-up gets it back with one of the next writes, and again with each
-    /// write until it succeeds. A group is counted as [pending](Rearmed::rearm_pending) until it is armed or
-    /// its arming is cancelled:
+    /// A board that has lost its set-up gets it back with one of the next writes, and again with
+    /// each write until it succeeds. A group is counted as [pending](Rearmed::rearm_pending) until
+    /// it is armed or its arming is cancelled:
     /// - by any fault of the board that is found after this call: a bite, a reset, a bus that is
     ///   down, another firmware ([`RearmCancelled`](super::EventKind::RearmCancelled));
-    /// - for a remote, if it goes offline again, if it does not come up with the board, or after its
-    ///   port was switched on, because of a fault of its own, or if an attempt to start it finds another device, or a fault that it had
-    ///   not reported before ([`RemoteRearmCancelled`](super::EventKind::RemoteRearmCancelled)). An
-    ///   attempt that fails as before is no new fault: a remote that was offline at the call and is
-    ///   plugged in an hour later is armed;
+    /// - for a remote, if it goes offline again, if it does not come up with the board, or after
+    ///   its port was switched on, because of a fault of its own, or if an attempt to start it
+    ///   finds another device, or a fault that it had not reported before
+    ///   ([`RemoteRearmCancelled`](super::EventKind::RemoteRearmCancelled)). An attempt that fails
+    ///   as before is no new fault: a remote that was offline at the call and is plugged in an hour
+    ///   later is armed;
     /// - by [`restart`](Self::restart) of the remote, by switching its port off, and by
     ///   [`cancel_rearm`](Self::cancel_rearm).
     ///
@@ -100,8 +102,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// ```
     ///
     /// # Real time
-    /// No exchange; a few steps for each group. No allocation. The set-up of a board that has lost it
-    /// takes eight more exchanges in the write that does it.
+    /// No exchange; a few steps for each group. No allocation. The set-up of a board that has lost
+    /// it takes eight more exchanges in the write that does it.
     pub fn rearm_when_running(&mut self) -> Rearmed {
         let now = self.bus.now();
         self.cycle.rearm_when_running(now)
@@ -109,8 +111,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// Lets the outputs of one group follow the application: at once if it runs, and otherwise as
     /// soon as it does, as [`rearm_when_running`](Self::rearm_when_running). Returns true if the
-    /// group is armed; [`GroupState::rearm_pending`](crate::hal::GroupState::rearm_pending) indicates later if it
-    /// is still awaited.
+    /// group is armed; [`GroupState::rearm_pending`](crate::hal::GroupState::rearm_pending)
+    /// indicates later if it is still awaited.
     ///
     /// On a board that has lost its set-up the group is armed when the board has the set-up back,
     /// which another call asks for.
@@ -126,8 +128,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     /// Lets no group be armed without another call: withdraws
-    /// [`rearm_when_running`](Self::rearm_when_running) and what is [pending](Rearmed::rearm_pending).
-    /// Returns the number of groups that were to be armed.
+    /// [`rearm_when_running`](Self::rearm_when_running) and what is
+    /// [pending](Rearmed::rearm_pending). Returns the number of groups that were to be armed.
     ///
     /// # Real time
     /// Constant time for each group. No allocation.
@@ -135,9 +137,10 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.cycle.pins.change_all_arming(ArmingEvent::Cancel)
     }
 
-    /// Restarts a remote in the next cycles, which clears the faults that it reports: a running remote
-    /// at once, one that is offline not before its own watchdog must have bitten. Its outputs are
-    /// safe until it is re-armed. Returns `false`, without any effect, if no remote takes part there.
+    /// Restarts a remote in the next cycles, which clears the faults that it reports: a running
+    /// remote at once, one that is offline not before its own watchdog must have bitten. Its
+    /// outputs are safe until it is re-armed. Returns `false`, without any effect, if no remote
+    /// takes part there.
     pub fn restart(&mut self, remote: impl Into<RemoteId>) -> bool {
         let RemoteId { port, channel } = remote.into();
         let now = self.bus.now();

@@ -60,8 +60,8 @@ pub enum RemarkKind {
         /// Name of the remote that answers.
         found: RemoteName,
     },
-    /// The remote was found, and does not run at the start: its pins are there, not valid, and it is
-    /// tried again, as one that goes offline later.
+    /// The remote was found, and does not run at the start: its pins are there, not valid, and it
+    /// is tried again, as one that goes offline later.
     #[error("{name} offline: {reason}")]
     Offline {
         /// Name of the remote.

@@ -226,9 +226,9 @@ impl Plan {
         Ok(())
     }
 
-    /// Notes a remote that was found, and does not run: it is offline. Fails if the machine cannot do
-    /// without it, unless the remote reports a fault, as it does without field power: it may be what
-    /// the application has to start for.
+    /// Notes a remote that was found, and does not run: it is offline. Fails if the machine cannot
+    /// do without it, unless the remote reports a fault, as it does without field power: it may be
+    /// what the application has to start for.
     fn offline(
         &mut self,
         stage: &PortStage,

@@ -41,8 +41,8 @@ pub struct Rearmed {
     /// Groups with outputs that are still safe, because they do not run yet.
     pub waiting: usize,
     /// Part of `waiting`: groups that come up because the board got its set-up back, and all that
-    /// [`rearm_when_running`](super::Driver::rearm_when_running) waits for. Each of them is armed as
-    /// soon as it runs, unless a fault comes first. The other groups need another call in a later
-    /// cycle.
+    /// [`rearm_when_running`](super::Driver::rearm_when_running) waits for. Each of them is armed
+    /// as soon as it runs, unless a fault comes first. The other groups need another call in a
+    /// later cycle.
     pub rearm_pending: usize,
 }

@@ -9,8 +9,8 @@ use crate::sslbp::{Channel, DEFAULT_BAUD_RATE, PortLink, StartMode, StartedRemot
 impl<B: RegisterBus + Clock> Configured<B> {
     /// Stops the serial port of a remote and starts only that remote, in setup mode, at this baud
     /// rate: 115200 for a card with its jumper in the setup position. Returns the line to the
-    /// remote, and its identity; a remote with only a running bootloader reports neither unit number
-    /// nor tables.
+    /// remote, and its identity; a remote with only a running bootloader reports neither unit
+    /// number nor tables.
     ///
     /// The channel has to be configured. The remotes that were
     /// discovered on the port are stopped from here on; [`end_setup_at`](Self::end_setup_at)

@@ -86,8 +86,8 @@ impl MesaError for StopError {
 /// A remote that may have an output on when the driver was stopped: it has not confirmed its safe
 /// values, and its own watchdog, which switches the outputs off, is not known to have bitten yet.
 /// Remotes that have not started, were not driven, or have had no frame for longer than the
-/// watchdog's time, are not included: because they were offline, or because the board was not fed and
-/// its own watchdog has bitten.
+/// watchdog's time, are not included: because they were offline, or because the board was not fed
+/// and its own watchdog has bitten.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct NotReached {

@@ -14,8 +14,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// Leaves all running remotes without process data for longer than the nominal time of their
     /// [watchdogs](super::RemoteWatchdog), with all outputs off, and checks that they report a
     /// bite. A remote that answers and reports none counts as [off](super::RemoteWatchdog::Off)
-    /// from now on; a remote that was left for much longer than its own time, because of another remote or
-    /// because the host was late, is known to bite within the longer time.
+    /// from now on; a remote that was left for much longer than its own time, because of another
+    /// remote or because the host was late, is known to bite within the longer time.
     ///
     /// The parameter `NVWatchDogTimeout` contains the time that a remote uses from its next
     /// power-up on. The time in use until then cannot be read, so that a parameter written since

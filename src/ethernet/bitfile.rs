@@ -149,8 +149,8 @@ impl<'a> Bitfile<'a> {
     /// Several boards have the same FPGA, so the part does not distinguish them. The design name
     /// does, where it names a board (`7i97_7i77.ncd`, `seveni92.ncd`) or a host interface (Mesa's
     /// top levels: `TopPCIHostMot2.ncd`). A file whose design name contains neither
-    /// (`TopEthernet16HostMot2.ncd`) cannot be distinguished from that of another board with the same
-    /// interface.
+    /// (`TopEthernet16HostMot2.ncd`) cannot be distinguished from that of another board with the
+    /// same interface.
     ///
     /// # Errors
     /// [`BitfileError::NoSync`], [`BitfileError::OtherBoard`], [`BitfileError::Multiboot`] and
@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bitfile_says_its_design_part_date_and_configuration() {
+    fn bitfile_has_design_part_date_and_configuration() {
         let bytes = file(&configuration(340_000));
         let bitfile = Bitfile::parse(&bytes).unwrap();
         assert_eq!(bitfile.design, "7i97_made_up.ncd");
@@ -328,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn what_would_brick_the_board_is_refused() {
+    fn bitfile_that_would_brick_the_board_is_refused() {
         let bytes = file(&configuration(1000));
         let bitfile = Bitfile::parse(&bytes).unwrap();
         let error = bitfile.check("7I97", "6slx16ftg256", 0x6_0000).unwrap_err();
@@ -349,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_for_another_board_with_the_same_fpga_is_noticed_where_its_design_name_tells() {
+    fn file_for_another_board_is_detected_by_its_design_name() {
         let data = configuration(100);
         let check = |design, board| {
             let bitfile = Bitfile {
@@ -417,7 +417,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_damaged_file_never_panics_and_never_grows(
+        fn damaged_file_never_panics_and_never_grows(
             damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
             len in any::<prop::sample::Index>(),
         ) {

@@ -42,8 +42,8 @@ pub enum FlashStep {
 enum Padding {
     /// What an erased page has.
     Erased,
-    /// What mesaflash writes there, and expects when it verifies: its buffer has 8192 bytes, and the
-    /// end of the block before is left in it (mesaflash 3.4.6 and 3.5.11, tried).
+    /// What mesaflash writes there, and expects when it verifies: its buffer has 8192 bytes, and
+    /// the end of the block before is left in it (mesaflash 3.4.6 and 3.5.11, tried).
     OfMesaflash,
 }
 
@@ -141,8 +141,8 @@ impl<C: FlashChip> Flash<C> {
     ///
     /// The file is checked before anything is erased, including that it is for this board
     /// ([`Bitfile::check`]). The FPGA needs one of the two configurations to start: writing either
-    /// is refused while the boot block [is not valid](Self::check_boot_block), or the other does not
-    /// [begin](Self::begins).
+    /// is refused while the boot block [is not valid](Self::check_boot_block), or the other does
+    /// not [begin](Self::begins).
     ///
     /// Manual: 7I97, "FALLBACK".
     ///
@@ -177,8 +177,8 @@ impl<C: FlashChip> Flash<C> {
         self.need_other(area)
     }
 
-    /// Performs the checks of [`program`](Self::program) except that of the boot block, for a caller
-    /// that [writes it](Self::write_boot_block) first.
+    /// Performs the checks of [`program`](Self::program) except that of the boot block, for a
+    /// caller that [writes it](Self::write_boot_block) first.
     ///
     /// # Errors
     /// Errors of `program`, and of the bus.

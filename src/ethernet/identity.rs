@@ -245,7 +245,7 @@ mod tests {
 
     /// FACTS 9.6.
     #[test]
-    fn the_jumpers_of_a_7i97t_have_their_own_names_and_meaning() {
+    fn jumpers_of_a_7i97t_have_their_own_names_and_meaning() {
         let both_up = |card| AddressSource::from_jumpers(3, card).of_card(card);
         assert_eq!(both_up("7I97"), "invalid (W16 up, W17 up)");
         assert_eq!(
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_is_read_field_by_field() {
+    fn answer_is_read_field_by_field() {
         let identity = Identity::parse(&answer(16, 0)).unwrap();
         assert_eq!(identity.card, "7I97");
         assert_eq!(identity.mac.to_string(), "00:60:1b:1b:00:97");
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn the_question_writes_nothing() {
+    fn question_writes_nothing() {
         let question = Identity::question();
         let operations = Operations::new(&question).map(Result::unwrap);
         let read = operations.map(|operation| {

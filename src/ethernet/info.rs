@@ -345,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn of_the_mode_of_the_leds_only_its_own_bit_is_compared() {
+    fn led_mode_compares_only_its_own_bit() {
         let (word, is_stuck, writes) = (0xFF01, false, 0);
         let mut leds = Leds {
             word,

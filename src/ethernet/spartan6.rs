@@ -260,7 +260,7 @@ mod tests {
     ];
 
     #[test]
-    fn the_boot_block_is_that_of_mesaflash_and_the_rest_of_its_page_is_zero() {
+    fn boot_block_matches_mesaflash_and_rest_of_its_page_is_zero() {
         let block = BootBlock::of(&FlashLayout::I7I97);
         assert_eq!(block.bytes(), &OF_7I97);
         let page = block.page();
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn a_standard_configuration_has_no_multiboot_feature() {
+    fn standard_configuration_has_no_multiboot_feature() {
         assert_eq!(found(&standard(&[])), None);
         // Registers of the next configuration that are written, with address 0.
         let zeros = [0x3261, 0, 0x3281, 0x0B00, 0x32A1, 0, 0x32C1, 0];

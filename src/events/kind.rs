@@ -208,8 +208,8 @@ pub enum EventKind {
     },
     /// Groups that were to be armed as soon as they run
     /// ([`Driver::rearm_when_running`](crate::Driver::rearm_when_running),
-    /// [`Rearmed::rearm_pending`](crate::driver::Rearmed::rearm_pending)) will not be, because of a fault of the
-    /// board. Re-arm them again.
+    /// [`Rearmed::rearm_pending`](crate::driver::Rearmed::rearm_pending)) will not be, because of a
+    /// fault of the board. Re-arm them again.
     [REARM_CANCELLED = 21, fault; "re-arming of {groups} groups cancelled by a new fault of the board"; then Some(advice::REARM)]
     RearmCancelled {
         /// Number of these groups.

@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_queue_keeps_the_first_and_says_how_many_it_dropped_after_them() {
+    fn full_queue_keeps_the_first_events_and_counts_dropped_ones() {
         let sink = EventSink::new("", 4);
         let mut events = sink.events();
         let tell = |n: u32| sink.report(Instant::from_nanos(n.into()), lost(n));
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn how_many_were_dropped_is_told_without_another_event() {
+    fn dropped_count_is_reported_without_another_event() {
         let sink = EventSink::new("", 1);
         let mut events = sink.events();
         for round in 1..5 {
@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn threads_take_every_event_once_and_whole_while_others_are_put_in() {
+    fn threads_take_each_event_once_and_whole_during_insertion() {
         const COUNT: u32 = 20_000;
         let sink = EventSink::new("", 63);
         let takers = [sink.events(), sink.events()];

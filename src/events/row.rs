@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_is_told_once_for_each_reason_and_counted_when_it_is_over() {
+    fn row_is_reported_once_for_each_reason_and_counted_at_its_end() {
         let (sink, mut row) = (EventSink::new("", 31), EventRow::default());
         for millis in 0..5000 {
             let why = if millis % 2 == 0 { Lost } else { Late };
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn the_end_of_a_row_in_which_everything_was_told_is_not_told() {
+    fn end_of_a_fully_reported_row_is_not_reported() {
         let (sink, mut row) = (EventSink::new("", 31), EventRow::default());
         let lost = EventKind::LostWrites { count: 3 };
         row.add(&sink, at(1), 3, lost);

@@ -60,7 +60,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn whatever_words_make_an_event_they_are_its_words(
+        fn event_words_round_trip_for_any_valid_words(
             at in any::<u64>(), cycle in any::<u64>(), kind in 0..EventKind::COUNT as u64,
             fields in proptest::collection::vec(
                 prop_oneof![0u64..16, any::<u64>()], EventKind::WORDS - 1,
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn each_reason_with_which_something_repeats_has_a_bit_of_its_own() {
+    fn repeating_reasons_have_distinct_bits() {
         let reads = BUS_ERRORS.map(|why| EventKind::ReadFailed { why }.reason());
         let not_there = EventKind::NotThere { found: 3 }.reason();
         let all: alloc::collections::BTreeSet<_> = reads.into_iter().chain([not_there]).collect();

@@ -166,8 +166,8 @@ impl Pins {
     }
 
     /// [`valid_bits_of`](Self::valid_bits_of) of many inputs, in less time where those of a group
-    /// follow each other. Each input has a value of any type beside it, such as the place to copy to;
-    /// for each that is valid, `each` is called with that value and the bits of the input.
+    /// follow each other. Each input has a value of any type beside it, such as the place to copy
+    /// to; for each that is valid, `each` is called with that value and the bits of the input.
     ///
     /// # Real time
     /// As [`valid_bits_of`](Self::valid_bits_of) for each; no allocation.
@@ -194,8 +194,8 @@ impl Pins {
         }
     }
 
-    /// A number that is another one when a parameter may have changed, or the driver may have changed a
-    /// pin that both sides set; for programs that copy all values in every cycle.
+    /// A number that is another one when a parameter may have changed, or the driver may have
+    /// changed a pin that both sides set; for programs that copy all values in every cycle.
     ///
     /// # Real time
     /// Constant time, no allocation.
@@ -224,9 +224,9 @@ impl Pins {
 
     /// Repeats the value of an output, for a program that gives all values in every cycle without
     /// knowing which of them are new, as a copy of LinuxCNC's HAL does. As
-    /// [`set_bits`](Self::set_bits), except for a value that was set before the meaning of the output's
-    /// values changed (the position that a step generator follows, after `position-reset`, an index or
-    /// another `position-scale`): it is no new command as long as it stays the same.
+    /// [`set_bits`](Self::set_bits), except for a value that was set before the meaning of the
+    /// output's values changed (the position that a step generator follows, after `position-reset`,
+    /// an index or another `position-scale`): it is no new command as long as it stays the same.
     ///
     /// # Errors
     /// As of [`set_bits`](Self::set_bits).
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_set_by_its_number_is_read_by_its_handle_and_the_other_way_round() {
+    fn value_set_by_number_is_read_by_handle_and_vice_versa() {
         let mut pins = store();
         let out = pins.output::<f64>("card.out").expect("there");
         assert_eq!(PinId::from(out), pins.id("card.out").expect("there"));
@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn of_many_inputs_each_valid_one_is_given_with_what_is_beside_it() {
+    fn valid_inputs_of_a_list_are_given_with_their_associated_data() {
         let mut pins = PinStore::default();
         let groups = [(); 3].map(|()| pins.add_group());
         let mut inputs = Vec::new();
@@ -394,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn what_can_not_be_set_stays_and_says_why() {
+    fn unsettable_pin_keeps_its_value_and_is_refused_with_a_reason() {
         let mut pins = store();
         let before: Vec<_> = pins.values().collect();
         let id = |pins: &PinStore, name| pins.id(name).expect("there");

@@ -2,8 +2,8 @@
 
 use super::{AnalogOut, Counter, InOut, Input, Output, Pins, Reading};
 
-/// An axis: a speed as its command, and a position as its feedback. An application that takes one runs
-/// on an analog drive with its encoder and on a step generator alike:
+/// An axis: a speed as its command, and a position as its feedback. An application that takes one
+/// runs on an analog drive with its encoder and on a step generator alike:
 ///
 /// ```
 /// use mesa_hal::hal::{Axis, Pins};
@@ -41,9 +41,9 @@ enum AxisEnable {
 }
 
 impl Axis {
-    /// An analog drive that follows speeds, and the encoder of its motor. The command is in units per
-    /// second if [`AnalogOut::set_full_scale`] was called with the speed at the end of the range; the
-    /// position is in units if [`Counter::scale`] has the counts for one.
+    /// An analog drive that follows speeds, and the encoder of its motor. The command is in units
+    /// per second if [`AnalogOut::set_full_scale`] was called with the speed at the end of the
+    /// range; the position is in units if [`Counter::scale`] has the counts for one.
     pub const fn servo(drive: AnalogOut, encoder: Counter) -> Self {
         Self {
             speed: drive.volts,
@@ -112,8 +112,8 @@ impl Axis {
         self.unsure.is_some_and(|unsure| pins.read(unsure).value)
     }
 
-    /// Requests that the position becomes 0 at the next index. Returns false if the axis has none: a
-    /// step generator without the input for it.
+    /// Requests that the position becomes 0 at the next index. Returns false if the axis has none:
+    /// a step generator without the input for it.
     ///
     /// # Real time
     /// Constant time, no allocation.

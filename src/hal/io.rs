@@ -196,10 +196,10 @@ impl AnalogOut {
         })
     }
 
-    /// Sets the value that goes out as the end of the range, and with it the unit of the output: with
-    /// 100.0, a value of 100.0 is 10 V. The limits keep their share of the range, whereas the
-    /// parameter [`full_scale`](Self::full_scale) alone leaves them as they are: an output with limits
-    /// of ±10 would then never exceed 1 V.
+    /// Sets the value that goes out as the end of the range, and with it the unit of the output:
+    /// with 100.0, a value of 100.0 is 10 V. The limits keep their share of the range, whereas the
+    /// parameter [`full_scale`](Self::full_scale) alone leaves them as they are: an output with
+    /// limits of ±10 would then never exceed 1 V.
     ///
     /// # Errors
     /// The errors of [`Pins::set_param`]. On error, the output keeps its scale and its limits.

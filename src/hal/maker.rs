@@ -46,8 +46,8 @@ impl<'a> PinMaker<'a> {
         self.add(NewKind::of::<T>(Role::Input), spec, T::default())
     }
 
-    /// The opposite of an input beside it. As long as the input was never valid, which reads as off,
-    /// this one is on, as a tripped normally-closed switch shows.
+    /// The opposite of an input beside it. As long as the input was never valid, which reads as
+    /// off, this one is on, as a tripped normally-closed switch shows.
     pub fn opposite(&mut self, spec: impl Into<Spec>) -> Result<Input<bool>, PinError> {
         self.add(NewKind::of::<bool>(Role::Input), spec, true)
     }

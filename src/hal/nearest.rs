@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slip_of_the_pen_finds_what_was_meant() {
+    fn slip_of_the_pen_finds_what_was_meant() {
         let names = [
             "hm2_7i92.0.7i77.0.0.input-07",
             "hm2_7i92.0.7i77.0.0.output-07",
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn the_enable_of_an_output_is_what_enables_it_whatever_its_name() {
+    fn enable_of_an_output_is_what_enables_it_whatever_its_name() {
         let mut store = PinStore::default();
         let group = store.add_group();
         let mut make = PinMaker::new(&mut store, group, "hm2_7i92.0.7i77.0.1.");

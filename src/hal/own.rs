@@ -44,8 +44,8 @@ impl Pins {
     /// scopes and other readers see it together with the values of the board in the same cycle. Its
     /// age is that of the last call for any pin of the application.
     ///
-    /// A value that is not finite is counted and not shown: the pin is not valid until the next one.
-    /// A pin of the board shows nothing, and counts as [a foreign
+    /// A value that is not finite is counted and not shown: the pin is not valid until the next
+    /// one. A pin of the board shows nothing, and counts as [a foreign
     /// handle](Self::foreign_handles).
     ///
     /// # Real time
@@ -62,8 +62,8 @@ impl Pins {
     }
 
     /// The value that other threads have set an output of the application's own to, within the
-    /// limits of the output; its safe value before that, and in place of a value that is not finite.
-    /// Replaced values are [counted](Self::rejections) with each call.
+    /// limits of the output; its safe value before that, and in place of a value that is not
+    /// finite. Replaced values are [counted](Self::rejections) with each call.
     ///
     /// # Real time
     /// Constant time, no allocation.

@@ -35,7 +35,8 @@ pub(super) enum Rejection {
 
 /// Time since the last good transfer.
 ///
-/// With the feature `serde` it is serialized with its time in seconds; [`NEVER`](Self::NEVER) is null.
+/// With the feature `serde` it is serialized with its time in seconds; [`NEVER`](Self::NEVER) is
+/// null.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Age {
     /// In cycles: 0 if this read completed the transfer that the last write started.
@@ -55,8 +56,8 @@ impl Age {
 
     /// Cycles for [`Reading::within`] that tolerate a lost packet, or a lost reply of a remote.
     pub const LOST_PACKET: u64 = 3;
-    /// Cycles for [`Reading::within`] that tolerate an attempt to restart another card of the port as
-    /// well, which takes up to 20 ms, in cycles of 1 ms or more
+    /// Cycles for [`Reading::within`] that tolerate an attempt to restart another card of the port
+    /// as well, which takes up to 20 ms, in cycles of 1 ms or more
     /// ([`neighbours`](crate::guides::neighbours)).
     pub const NEIGHBOUR_RESTART: u64 = 25;
 }
@@ -123,9 +124,9 @@ impl<T> Reading<T> {
     /// A sound wire occasionally loses a reply, which makes a remote's inputs [not
     /// valid](Self::valid) for one cycle. A drive enable, or a limit switch that stops the machine,
     /// must not follow that: with this function it keeps the value of the cycle before, and reacts
-    /// `cycles` cycles later when the remote is really gone. [`Age::LOST_PACKET`] tolerates no more than
-    /// that; with [`Age::NEIGHBOUR_RESTART`] attempts to restart another card of the port do not stop the
-    /// machine either.
+    /// `cycles` cycles later when the remote is really gone. [`Age::LOST_PACKET`] tolerates no more
+    /// than that; with [`Age::NEIGHBOUR_RESTART`] attempts to restart another card of the port do
+    /// not stop the machine either.
     ///
     /// ```
     /// # use mesa_hal::hal::{Age, Reading};

@@ -46,7 +46,7 @@ mod tests {
     use crate::hal::{Input, PinMaker};
 
     #[test]
-    fn a_row_is_published_like_each_of_its_inputs() {
+    fn row_is_published_like_each_of_its_inputs() {
         let mut store = PinStore::default();
         let group = store.add_group();
         let mut make = PinMaker::new(&mut store, group, "row.");

@@ -243,10 +243,10 @@ impl PinStore {
         })
     }
 
-    /// Changes the safe value of an output whose safe state depends on the machine: the command of a
-    /// position is safe where the axis stands. It is the value of the output while its group is not
-    /// armed, and when the group is armed again. It has to be within the limits of the output; a value
-    /// that is not finite changes nothing.
+    /// Changes the safe value of an output whose safe state depends on the machine: the command of
+    /// a position is safe where the axis stands. It is the value of the output while its group is
+    /// not armed, and when the group is armed again. It has to be within the limits of the output;
+    /// a value that is not finite changes nothing.
     pub fn set_safe(&mut self, pin: Output<f64>, safe: f64) {
         if let Some(index) = self.catalog.index(pin.key)
             && safe.is_finite()
@@ -255,10 +255,10 @@ impl PinStore {
         }
     }
 
-    /// States the command of an output in new coordinates: the meaning of its values has changed, and
-    /// the output is to stay where it was commanded to be. A program that
-    /// [repeats](super::Pins::repeat_bits) the value of before in each cycle does not set it again. A
-    /// value that is not finite changes nothing.
+    /// States the command of an output in new coordinates: the meaning of its values has changed,
+    /// and the output is to stay where it was commanded to be. A program that
+    /// [repeats](super::Pins::repeat_bits) the value of before in each cycle does not set it again.
+    /// A value that is not finite changes nothing.
     pub(crate) fn restate(&mut self, pin: Output<f64>, command: f64) {
         if command.is_finite()
             && let Some(index) = self.resolve(pin.key)

@@ -14,8 +14,9 @@ use crate::hal::{Place, Terminals};
 pub struct BoardTable {
     /// Its name, for example `7I97`: the board name in its firmware without `MESA`.
     pub name: &'static str,
-    /// The rate of the encoders' multiplexer or filters, for which the board is designed; `None` if it is
-    /// not known. Multiplexers then start at LinuxCNC's rate, 8.33 MHz, and filters at that of the 7I77.
+    /// The rate of the encoders' multiplexer or filters, for which the board is designed; `None` if
+    /// it is not known. Multiplexers then start at LinuxCNC's rate, 8.33 MHz, and filters at that
+    /// of the 7I77.
     pub encoder_rate: Option<TickRate>,
     /// Its PWM generators.
     pub pwm: PwmTable,
@@ -209,8 +210,8 @@ impl BoardTable {
 
 impl BoardTable {
     /// Terminals of step and direction of step generator `unit` on the card that occupies its pins.
-    /// If the board has terminals of its own besides I/O pins, or a card of another kind, those of a
-    /// card begin with the card's name: `7I76 TB2 pin 2`.
+    /// If the board has terminals of its own besides I/O pins, or a card of another kind, those of
+    /// a card begin with the card's name: `7I76 TB2 pin 2`.
     pub fn step_places(&self, firmware: &HostMot2, unit: u8) -> [Place; 2] {
         let on_card = |card: &&'static CardTable| Some((card.generator(firmware, unit)?, *card));
         let Some((on_card, card)) = self.cards.iter().find_map(on_card) else {

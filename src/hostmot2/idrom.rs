@@ -187,7 +187,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_idrom_of_a_7i97_is_read_field_by_field() {
+    fn idrom_of_a_7i97_is_read_field_by_field() {
         let idrom = idrom_7i97();
         assert_eq!(idrom.board_name, "MESA7I97");
         assert_eq!(idrom.board(), "7i97");

@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sserial_descriptor_of_facts_9_2_gives_the_addresses_of_facts_2_1() {
+    fn sserial_descriptor_of_facts_9_2_gives_addresses_of_facts_2_1() {
         let module = parse([0x0401_00C1, 0x1006_5B00, 0x3C]).unwrap().unwrap();
         assert_eq!(module.gtag, Gtag::SSERIAL);
         assert_eq!((module.instances, module.registers), (4, 6));

@@ -73,7 +73,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_text_of_a_remote_parses_to_the_same_remote(port: u8, channel in 0u8..8) {
+        fn text_of_a_remote_parses_to_the_same_remote(port: u8, channel in 0u8..8) {
             let remote = RemoteId::new(port, channel);
             prop_assert_eq!(remote.to_string().parse(), Ok(remote));
             prop_assert_eq!(alloc::format!("{port}.{channel}").parse(), Ok(remote));

@@ -38,7 +38,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn the_multiplexer_rates_of_the_manuals_are_clock_8_and_clock_16() {
+    fn multiplexer_rates_of_the_manuals_are_clock_8_and_clock_16() {
         let clock = 100_000_000;
         assert!((TickRate::MUX_7I77.hz(clock) - 12.5e6).abs() < 1e-6);
         assert!((TickRate::MUX_7I97.hz(clock) - 6.25e6).abs() < 1e-6);
@@ -52,7 +52,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_rate_is_the_fastest_that_is_not_above_what_was_asked_for(clock in 1_000_000u32.., hz: u32) {
+        fn rate_is_the_fastest_that_is_not_above_what_was_asked_for(clock in 1_000_000u32.., hz: u32) {
             let rate = TickRate::for_hz(clock, hz);
             let wanted = f64::from(hz);
             if rate.0 < TickRate::SLOWEST.0 && wanted <= f64::from(clock) / 2.0 {

@@ -3,8 +3,8 @@
 use crate::bus::HORIZON;
 
 /// Reads after the first set-up in which an application has no position yet, unless it has homed or
-/// enabled the axis before. While packets of the set-up may be in flight, which is as long, doubts are
-/// needless but not rare on a busy computer.
+/// enabled the axis before. While packets of the set-up may be in flight, which is as long, doubts
+/// are needless but not rare on a busy computer.
 const YOUNG: u32 = HORIZON as u32;
 
 /// Doubt in the position of an encoder or a step generator.
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn a_position_is_one_with_the_first_act() {
+    fn position_is_one_with_the_first_act() {
         for act in [PositionDoubt::settle, PositionDoubt::rely] {
             let mut doubt = PositionDoubt::default();
             doubt.read();
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn another_set_up_before_that_begins_anew() {
+    fn second_set_up_restarts_the_wait_before_losses_are_reported() {
         let mut doubt = PositionDoubt::default();
         for _ in 0..YOUNG - 1 {
             doubt.read();

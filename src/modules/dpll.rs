@@ -162,9 +162,9 @@ pub(super) fn check(module: &ModuleDescriptor) -> Result<(), HostMot2Error> {
 }
 
 impl Dpll {
-    /// Frequency of the loop in kHz: that of the period, unless the application has set another one, or
-    /// the prescale cannot follow the period (a 7I97 has it from 10.4 ms on), so that the loop is left
-    /// alone. The timers then rise without a relation to the reads.
+    /// Frequency of the loop in kHz: that of the period, unless the application has set another
+    /// one, or the prescale cannot follow the period (a 7I97 has it from 10.4 ms on), so that the
+    /// loop is left alone. The timers then rise without a relation to the reads.
     pub fn khz(&self) -> f64 {
         self.config.hz * 1e-3
     }
@@ -442,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn a_thread_of_1_khz_at_100_mhz_with_42_bits() {
+    fn thread_of_1_khz_at_100_mhz_with_42_bits() {
         // 2^30*1e8/(2^42*1e3) = 24.4; 1e3*2^42*24/1e8 = 1055531162.66.
         let words = words(42, &CONFIG).unwrap();
         assert_eq!(
@@ -496,7 +496,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_hardware_can_not_do_is_refused() {
+    fn settings_beyond_the_hardware_are_refused() {
         for dds_bits in [0, 64] {
             assert!(words(dds_bits, &CONFIG).is_err(), "{dds_bits}");
         }
@@ -507,7 +507,7 @@ mod tests {
     }
 
     #[test]
-    fn the_phase_of_the_write_is_such_that_the_read_is_at_0() {
+    fn phase_of_the_write_is_such_that_the_read_is_at_0() {
         let mut start = PhaseStart::default();
         // Any phase, before it was set for the first time.
         start.read(0x1234_5678);
@@ -528,7 +528,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_rate_is_met_to_a_millionth(rate in 100.0f64..20_000.0) {
+        fn rate_is_met_to_a_millionth(rate in 100.0f64..20_000.0) {
             if let Ok(words) = words(42, &DpllConfig { hz: rate, ..CONFIG }) {
                 prop_assert!((hz(words) / rate - 1.0).abs() < 1e-6);
             } else {

@@ -86,8 +86,9 @@ impl Gpio {
         Ok(())
     }
 
-    /// Makes plain I/O of pins that a module has taken and does not use, when the board is set up already.
-    /// Returns the writes that the board needs for it, in their order: none of them drives a pin.
+    /// Makes plain I/O of pins that a module has taken and does not use, when the board is set up
+    /// already. Returns the writes that the board needs for it, in their order: none of them drives
+    /// a pin.
     pub(crate) fn give_back(
         &mut self,
         r: &mut Registrar<'_>,

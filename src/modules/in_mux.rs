@@ -429,7 +429,7 @@ mod tests {
     const CLOCK: u32 = 100_000_000;
 
     #[test]
-    fn the_default_scans_sixteen_inputs_at_20_khz() {
+    fn default_scans_sixteen_inputs_at_20_khz() {
         let scan = ScanSettings {
             clock_hz: CLOCK,
             inputs: 16,

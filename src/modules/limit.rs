@@ -44,8 +44,8 @@ impl Limit {
         used
     }
 
-    /// The value of a pin, with an event for each new value that is not allowed: LinuxCNC's HAL owns the
-    /// pin, so that it keeps its value there. `reported` is the last one.
+    /// The value of a pin, with an event for each new value that is not allowed: LinuxCNC's HAL
+    /// owns the pin, so that it keeps its value there. `reported` is the last one.
     pub fn pin<T>(
         &self,
         cycle: &mut WriteCycle<'_>,

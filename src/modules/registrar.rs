@@ -116,11 +116,11 @@ impl Registrar<'_> {
         driven
     }
 
-    /// Makes one item for each instance of a kind of module, in the order of the descriptors: `make`
-    /// gets the descriptor, the number of the instance within it, for
-    /// [`register`](ModuleDescriptor::register), and its number among all instances of the kind, for
-    /// names and [pins](Self::use_io). Empty if the firmware has none. The kind counts as driven, as
-    /// after [`module`](Self::module).
+    /// Makes one item for each instance of a kind of module, in the order of the descriptors:
+    /// `make` gets the descriptor, the number of the instance within it, for
+    /// [`register`](ModuleDescriptor::register), and its number among all instances of the kind,
+    /// for names and [pins](Self::use_io). Empty if the firmware has none. The kind counts as
+    /// driven, as after [`module`](Self::module).
     ///
     /// ```
     /// use mesa_hal::bus::{Phase, ReadSlot};
@@ -156,8 +156,8 @@ impl Registrar<'_> {
     }
 
     /// True if the driver runs the firmware's phase-locked loop: a module whose registers can be
-    /// latched by one of the loop's timers (1 to 4) may select it, in a setting of its own. The times
-    /// of the timers are the pins `dpll.NN.timer-us`.
+    /// latched by one of the loop's timers (1 to 4) may select it, in a setting of its own. The
+    /// times of the timers are the pins `dpll.NN.timer-us`.
     ///
     /// ```
     /// # use mesa_hal::bus::Stage;
@@ -226,8 +226,8 @@ impl Registrar<'_> {
         self.use_io_if(gtag, instance, |_| true)
     }
 
-    /// As [`use_io`](Self::use_io), for those pins of the instance that are `wanted`; the others stay
-    /// plain I/O.
+    /// As [`use_io`](Self::use_io), for those pins of the instance that are `wanted`; the others
+    /// stay plain I/O.
     ///
     /// ```
     /// # use mesa_hal::hostmot2::{Gtag, PinDescriptor};

@@ -158,7 +158,7 @@ fn encoders_have_the_pins_and_the_select_lines_of_their_cards() {
 }
 
 #[test]
-fn a_rate_of_the_encoders_that_the_register_does_not_hold_is_refused() {
+fn encoder_rate_beyond_its_register_is_refused() {
     let mut bench = i7i97();
     bench.settings.encoder_rate = Some(TickRate(0x1000));
     let error = bench.register::<Encoders>(Encoders::register).unwrap_err();
@@ -203,7 +203,7 @@ fn relays_have_no_drive_before_their_pins_are_driven() {
 }
 
 #[test]
-fn input_scans_and_the_dpll_are_set_up_from_what_the_hardware_says() {
+fn input_scans_and_dpll_are_set_up_from_hardware_data() {
     let mut bench = i7i97();
     let inputs = bench.register::<InMux>(InMux::register).unwrap();
     assert_eq!(inputs[0].pins.inputs.len(), 16);
@@ -256,7 +256,7 @@ fn each_instance_of_outm_has_its_register() {
 }
 
 #[test]
-fn what_is_missing_or_not_known_is_left_out_and_what_is_not_known_is_named() {
+fn absent_or_unknown_modules_are_skipped_and_unknown_ones_named() {
     // A descriptor without instances counts as missing too.
     let mut bench = Bench::new(machines::firmware_7i92_7i77());
     assert!(bench.register::<Pwm>(Pwm::register).unwrap().is_empty());
@@ -400,7 +400,7 @@ fn instances_of_two_modules_of_a_kind_are_numbered_through() {
 }
 
 #[test]
-fn a_second_of_what_there_is_one_for_all_is_not_driven() {
+fn second_of_what_there_is_one_for_all_is_not_driven() {
     let mut firmware = machines::firmware_7i97(1);
     let dpll = SimModuleDescriptor {
         gtag: gtag::DPLL,
@@ -418,7 +418,7 @@ fn a_second_of_what_there_is_one_for_all_is_not_driven() {
 }
 
 #[test]
-fn an_io_pin_has_one_user() {
+fn io_pin_has_one_user() {
     let mut bench = i7i97();
     bench.register::<Pwm>(Pwm::register).unwrap();
     let again = bench.with_registrar(&mut Vec::new(), |r| r.use_io(Gtag::PWM, 3));

@@ -90,7 +90,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_revolution_is_passed_in_both_directions() {
+    fn revolution_is_passed_in_both_directions() {
         assert_eq!(passed(255, 256, 256), Some(256));
         assert_eq!(passed(250, 260, 256), Some(256));
         assert_eq!(passed(1, -1, 256), Some(0));
@@ -119,14 +119,14 @@ mod tests {
     }
 
     #[test]
-    fn the_first_reading_is_zero_wherever_the_counter_stands() {
+    fn first_reading_is_zero_wherever_the_counter_stands() {
         let mut counts = counter(8);
         assert_eq!(counts(Some(200)), 0);
         assert_eq!(counts(Some(201)), 1);
     }
 
     #[test]
-    fn a_gap_moves_nothing() {
+    fn gap_moves_nothing() {
         let mut counts = counter(8);
         counts(Some(0));
         counts(Some(5));
@@ -137,7 +137,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn it_follows_any_movement_of_less_than_half_the_range(
+        fn counter_follows_movements_below_half_the_range(
             bits in 2..=64u8, steps in prop::collection::vec(any::<i64>(), 0..200),
         ) {
             let mut counts = counter(bits);

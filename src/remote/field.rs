@@ -72,7 +72,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_field_has_1_to_64_bits() {
+    fn field_has_1_to_64_bits() {
         assert_eq!(Field::new(Some(0), 0), None);
         assert_eq!(Field::new(Some(0), 65), None);
         assert_eq!(Field::new(None, 1), None);
@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn every_width_at_every_position_of_seven_registers_comes_back_and_disturbs_nothing() {
+    fn field_of_any_width_and_place_round_trips_without_side_effect() {
         for bits in 1..=64u16 {
             for offset in 0..=(224 - bits) {
                 let field = Field::new(Some(offset), bits).unwrap();

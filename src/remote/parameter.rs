@@ -418,7 +418,7 @@ mod tests {
 
     /// Manual: 7I77, "OPERATE MODE BAUD RATE".
     #[test]
-    fn an_index_outside_of_the_table_of_baud_rates_is_refused_whatever_the_record_allows() {
+    fn baud_rate_index_outside_the_table_is_always_refused() {
         let baud = DataRecord {
             name: "NVBAUDRATE".into(),
             ..record(DataType::NonvolUnsigned, 16, 0.0, 65_535.0)
@@ -441,7 +441,7 @@ mod tests {
 
     /// FACTS 7.4.
     #[test]
-    fn numbers_are_read_in_their_unit_and_written_as_the_remote_has_them() {
+    fn numbers_are_read_in_units_and_written_as_raw_values() {
         let volts = record(DataType::Unsigned, 8, 0.0, 36.3);
         assert!((volts.value_of(255) - 36.3).abs() < 1e-5);
         assert_eq!(bits_of(&volts, 100_u32), Some(100));
@@ -453,7 +453,7 @@ mod tests {
     }
 
     #[test]
-    fn a_unit_number_is_whole_although_its_limit_is_a_rounded_float() {
+    fn unit_number_is_whole_although_its_limit_is_a_rounded_float() {
         let unit_number = record(DataType::Unsigned, 32, 0.0, u32::MAX as f32);
         let value = unit_number.value_of(0x1200_0001);
         assert_eq!(value.to_bits(), 301_989_889.0_f64.to_bits());

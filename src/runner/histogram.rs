@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_one_says_nothing() {
+    fn empty_histogram_has_no_quantile_and_zero_counts() {
         let empty = Histogram::new();
         assert_eq!(empty.quantile(0.5), None);
         assert_eq!(empty.distribution(), Distribution::default());
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn a_million_times_have_their_percentiles() {
+    fn million_times_have_their_percentiles() {
         let all = of((1..=1_000_000).map(nanos)).distribution();
         assert_eq!(
             (all.count, all.min, all.max),

@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_is_kept_if_the_longest_cycle_and_the_transfers_fit() {
+    fn rate_is_kept_if_the_longest_cycle_and_the_transfers_fit() {
         use RateJudgement::{No, Yes};
         for (longest, kept) in [
             (150, [Yes, Yes, Yes]),
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reason_names_what_is_too_slow() {
+    fn reason_names_what_is_too_slow() {
         let mut slow = measured([300; 10]);
         let says = |latency: &Latency, rate, what: &str| {
             let said = latency.verdict(rate).to_string();
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn the_remotes_transfers_are_those_of_the_slowest_port() {
+    fn remotes_transfers_are_those_of_the_slowest_port() {
         let board = machines::six_axes_7i92(Motor::default());
         let driver = Driver::start(board, Settings::default()).expect("it starts");
         let expected = driver.ports()[0].expected_time.usual;

@@ -7,17 +7,17 @@ use crate::bus::{Clock, Instant, RegisterBus};
 use crate::driver::{CycleError, CycleReport, Driver, Pace};
 use crate::tally::Tally;
 
-/// Paces the loop of a driver, as a [`Runner`](super::Runner) does: for an application with a loop of
-/// its own. [`read`](Self::read) waits for the next period, and [`write`](Self::write) ends the
+/// Paces the loop of a driver, as a [`Runner`](super::Runner) does: for an application with a loop
+/// of its own. [`read`](Self::read) waits for the next period, and [`write`](Self::write) ends the
 /// cycle.
 ///
-/// At the host's pace a cycle starts a whole number of periods after the first one, however long the
-/// earlier ones took: a late cycle does not delay the next, and a period that is over is skipped and
-/// counted. Where the [board paces](Pace::Board), the read of the driver waits for the board's clock,
-/// and nothing is waited for here.
+/// At the host's pace a cycle starts a whole number of periods after the first one, however long
+/// the earlier ones took: a late cycle does not delay the next, and a period that is over is
+/// skipped and counted. Where the [board paces](Pace::Board), the read of the driver waits for the
+/// board's clock, and nothing is waited for here.
 ///
-/// For several boards whose requests are under way at the same time, [`wait`](Self::wait) is separate from
-/// the read: see [several boards](crate::guides::several_boards).
+/// For several boards whose requests are under way at the same time, [`wait`](Self::wait) is
+/// separate from the read: see [several boards](crate::guides::several_boards).
 ///
 /// ```
 /// use mesa_hal::{Driver, Settings, runner::Pacer};
@@ -63,8 +63,8 @@ pub struct Pacer {
 }
 
 impl Pacer {
-    /// The pacer of a driver, whose settings contain the period and the pace. The first cycle starts
-    /// with the first call of [`read`](Self::read).
+    /// The pacer of a driver, whose settings contain the period and the pace. The first cycle
+    /// starts with the first call of [`read`](Self::read).
     pub fn new<B: RegisterBus + Clock>(driver: &Driver<B>) -> Self {
         Self {
             pace: driver.pace(),
@@ -88,8 +88,8 @@ impl Pacer {
         self
     }
 
-    /// Waits for the next period, and nothing else: the [`read`](Self::read) after it does not wait any
-    /// more. Between them, an application with several boards sends all requests
+    /// Waits for the next period, and nothing else: the [`read`](Self::read) after it does not wait
+    /// any more. Between them, an application with several boards sends all requests
     /// ([`Driver::request_read`]).
     ///
     /// # Real time
@@ -98,8 +98,8 @@ impl Pacer {
         self.waited = Some(self.begin(driver.bus_mut()));
     }
 
-    /// Waits for the next period, unless that [has been done](Self::wait), and [reads](Driver::read) the
-    /// board.
+    /// Waits for the next period, unless that [has been done](Self::wait), and
+    /// [reads](Driver::read) the board.
     ///
     /// # Errors
     /// Those of [`Driver::read`]. The cycle has begun nevertheless.

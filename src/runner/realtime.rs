@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cpu_that_is_granted_is_the_only_one() {
+    fn cpu_that_is_granted_is_the_only_one() {
         in_a_thread(|| {
             let before = rustix::thread::sched_getaffinity(None).expect("readable");
             let cpu = (0..CpuSet::MAX_CPU).find(|&cpu| before.is_set(cpu));
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn what_can_not_be_granted_is_refused_with_the_reason() {
+    fn unavailable_settings_are_refused_with_the_reason() {
         in_a_thread(|| {
             for priority in [0, 100] {
                 let asked = Realtime {
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_granted_is_granted_beside_what_is_refused_and_all_refusals_are_told() {
+    fn granted_settings_apply_and_every_refusal_is_reported() {
         in_a_thread(|| {
             let before = sched_getaffinity(None).expect("readable");
             let cpu = (0..CpuSet::MAX_CPU).rfind(|&cpu| before.is_set(cpu));
@@ -279,7 +279,7 @@ mod tests {
     /// The limit is that of the whole process, and no other test locks memory; the capability is
     /// that of the thread.
     #[test]
-    fn memory_of_which_only_a_part_may_be_locked_is_not_locked_at_all() {
+    fn memory_is_not_locked_if_only_a_part_may_be_locked() {
         use rustix::process::{Rlimit, setrlimit};
         in_a_thread(|| {
             let before = getrlimit(Resource::Memlock);
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn a_priority_is_granted_or_refused_and_never_ignored() {
+    fn priority_is_granted_or_refused_and_never_ignored() {
         in_a_thread(|| {
             let asked = Realtime {
                 priority: Some(1),

@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn the_cycles_around_the_trigger_are_recorded_and_no_others() {
+    fn cycles_around_the_trigger_are_recorded_and_no_others() {
         let volts = [0.0, 0.1, 0.2, 0.3, 1.5, 1.6, 0.4, 1.7, 1.8];
         let rising = record(&volts, Edge::Rising, range(2, 5));
         assert_eq!(rising, [(-2, 0.2), (-1, 0.3), (0, 1.5), (1, 1.6), (2, 0.4)]);
@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_valid_triggers_nothing_and_is_no_value() {
+    fn invalid_reading_does_not_trigger_and_has_no_value() {
         let mut store = PinStore::default();
         let group = store.add_group();
         let mut make = PinMaker::new(&mut store, group, "");
@@ -388,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_much_is_refused() {
+    fn invalid_scope_is_refused() {
         let mut store = PinStore::default();
         let group = store.add_group();
         let mut make = PinMaker::new(&mut store, group, "");

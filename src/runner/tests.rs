@@ -44,7 +44,7 @@ fn periods(begins: &[Instant]) -> Vec<u64> {
 }
 
 #[test]
-fn cycles_begin_a_whole_number_of_periods_apart_however_long_they_take() {
+fn cycles_begin_whole_periods_apart_at_any_cycle_time() {
     let (begins, statistics) = begins(50, |number| Duration::from_micros(number * 13));
     assert_eq!(periods(&begins), (0..=50).collect::<Vec<_>>());
     assert_eq!(statistics.cycles, 50);
@@ -52,7 +52,7 @@ fn cycles_begin_a_whole_number_of_periods_apart_however_long_they_take() {
 }
 
 #[test]
-fn a_cycle_that_takes_too_long_costs_its_periods_and_delays_no_other() {
+fn long_cycle_skips_its_periods_and_delays_no_other() {
     let long = Duration::from_micros(2500);
     let (begins, statistics) = begins(10, |number| if number == 4 { long } else { Duration::ZERO });
     assert_eq!(periods(&begins), [0, 1, 2, 3, 4, 7, 8, 9, 10, 11, 12]);
@@ -93,7 +93,7 @@ fn outputs_are_off_when_it_has_ended() {
 }
 
 #[test]
-fn what_was_counted_can_be_looked_at_when_it_has_ended() {
+fn statistics_and_events_remain_readable_after_the_end() {
     let runner = runner().waiting_for_transfers(Duration::from_micros(500));
     let mut events = runner.driver.events();
     let mut last = None;
@@ -122,7 +122,7 @@ fn what_was_counted_can_be_looked_at_when_it_has_ended() {
 }
 
 #[test]
-fn what_a_read_has_brought_and_why_not_is_told_in_its_cycle() {
+fn read_result_is_reported_in_its_own_cycle() {
     let mut told = [0, 0];
     let ended = runner().run(|cycle| {
         told[usize::from(cycle.read.is_err())] += 1;
@@ -159,7 +159,7 @@ fn reads_that_failed_before_the_run_are_not_those_of_the_run() {
 
 #[cfg(feature = "realtime")]
 #[test]
-fn a_signal_ends_it_with_the_ports_stopped() {
+fn signal_ends_it_with_the_ports_stopped() {
     let stop = super::Stop::on_signals().expect("handlers");
     let kill = format!("kill -TERM {}", std::process::id());
     let ended = runner().stop_on(stop).run(|cycle| {

@@ -66,15 +66,16 @@ pub struct Settings {
     /// A port without an entry uses the default: any remotes, in mode 0. A port that the firmware
     /// does not have is refused.
     pub serial_ports: BTreeMap<u8, SerialConfig>,
-    /// Number of instances in use of each kind of module, the first ones; a kind without an entry is
-    /// used with all its instances. The I/O pins of the others are plain I/O. A number beyond that
-    /// of the firmware is refused.
+    /// Number of instances in use of each kind of module, the first ones; a kind without an entry
+    /// is used with all its instances. The I/O pins of the others are plain I/O. A number beyond
+    /// that of the firmware is refused.
     ///
     /// The keys, in a file with LinuxCNC's names: [`Gtag::ENCODER`] (`encoder`) counts encoders of
     /// both kinds together, [`Gtag::SSERIAL`] (`sserial`) serial ports, [`Gtag::LED`] (`led`) LEDs;
-    /// further ones are [`Gtag::PWM`] (`pwmgen`), [`Gtag::STEPGEN`] (`stepgen`), [`Gtag::IN_MUX`] (`inmux`), [`Gtag::IN_M`] (`inm`),
-    /// [`Gtag::SSR`] (`ssr`) and [`Gtag::OUT_M`] (`outm`). With 0 of [`Gtag::HM2DPLL`] (`dpll`) the
-    /// phase-locked loop is left alone: for a period that it cannot follow.
+    /// further ones are [`Gtag::PWM`] (`pwmgen`), [`Gtag::STEPGEN`] (`stepgen`), [`Gtag::IN_MUX`]
+    /// (`inmux`), [`Gtag::IN_M`] (`inm`), [`Gtag::SSR`] (`ssr`) and [`Gtag::OUT_M`] (`outm`). With
+    /// 0 of [`Gtag::HM2DPLL`] (`dpll`) the phase-locked loop is left alone: for a period that it
+    /// cannot follow.
     ///
     /// ```
     /// use mesa_hal::Settings;
@@ -101,11 +102,11 @@ pub struct Settings {
     pub pwm_hz: Option<u32>,
     /// Initial parameters of PWM generators, by their number. Generators without an entry begin as
     /// the board needs them if they drive its analog outputs, and else, or with
-    /// [`Defaults::LinuxCnc`], with LinuxCNC's values: sign and magnitude, scale 1. A generator that
-    /// the firmware does not have is refused.
+    /// [`Defaults::LinuxCnc`], with LinuxCNC's values: sign and magnitude, scale 1. A generator
+    /// that the firmware does not have is refused.
     pub pwm: BTreeMap<u8, PwmConfig>,
-    /// Number of outputs of a step generator in use, the first ones: 2 by default, step and direction.
-    /// Further outputs of the firmware, for tables, are plain I/O.
+    /// Number of outputs of a step generator in use, the first ones: 2 by default, step and
+    /// direction. Further outputs of the firmware, for tables, are plain I/O.
     pub stepgen_width: u8,
     /// Initial state of I/O pins that no module uses, by their number. Pins without an entry are
     /// inputs.
@@ -186,8 +187,8 @@ pub enum Defaults {
     #[default]
     Board,
     /// A fresh load of LinuxCNC's driver: a HAL file that does not set a value means this one. All
-    /// I/O pins have their level, those that modules drive as well (`gpio.NNN.in` and `in_not`), and
-    /// parameters of pins that modules drive have a [second name](crate::hal::Pins::aliases).
+    /// I/O pins have their level, those that modules drive as well (`gpio.NNN.in` and `in_not`),
+    /// and parameters of pins that modules drive have a [second name](crate::hal::Pins::aliases).
     ///
     /// | name | `LinuxCnc` | `Board` |
     /// |---|---|---|

@@ -17,7 +17,7 @@ fn digits_are_modes_and_x_is_not_used() {
 }
 
 #[test]
-fn what_means_nothing_is_refused() {
+fn invalid_modes_are_refused() {
     for text in ["0-", "000000000", "xxxxxxxxx"] {
         let error = modes(text).unwrap_err();
         assert_eq!(error.found, text);

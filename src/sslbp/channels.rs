@@ -170,7 +170,7 @@ mod tests {
     use alloc::string::ToString;
 
     #[test]
-    fn a_mask_lists_its_channels() {
+    fn mask_lists_its_channels() {
         let mask = ChannelMask::from_bits(0b1000_0101);
         assert_eq!(mask.to_string(), "0,2,7");
         assert_eq!(mask.iter().collect::<ChannelMask>(), mask);
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_channels_are_the_low_bits() {
+    fn first_channels_are_the_low_bits() {
         assert_eq!(ChannelMask::first(0), ChannelMask::NONE);
         assert_eq!(ChannelMask::first(3).bits(), 0x07);
         assert_eq!(ChannelMask::first(8).bits(), 0xFF);

@@ -260,7 +260,7 @@ mod tests {
 
     /// FACTS 5.1; gateware transcripts t07a, t07d, t15a, t15b, t10, t26.
     #[test]
-    fn recorded_doits_took_no_longer_than_expected_and_not_much_less() {
+    fn recorded_doits_take_the_expected_time_or_slightly_less() {
         let recorded = [
             (5, 2, 1, 57),
             (5, 2, 8, 66),
@@ -282,7 +282,7 @@ mod tests {
 
     /// A 5I25 runs its ports at a third of the recorded clock.
     #[test]
-    fn a_slower_processor_makes_what_it_does_longer_and_not_the_line() {
+    fn slower_processor_makes_what_it_does_longer_and_not_the_line() {
         let sizes = ProcessDataSizes { rx: 5, tx: 2 };
         let [fast, slow] = [99_000_000, 33_000_000].map(|clock_hz| {
             DoitTime::expected(
@@ -299,7 +299,7 @@ mod tests {
 
     /// Gateware transcripts t10 and t12: 97.7 and 100.3 us with a lost reply.
     #[test]
-    fn a_lost_reply_is_within_the_longer_time() {
+    fn lost_reply_is_within_the_longer_time() {
         assert!(micros(time(5, 2, 1).with_timeout) >= 101);
         assert!(micros(time(5, 2, 1).with_timeout) <= 125);
     }

@@ -305,7 +305,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_wide_layout_has_seven_interface_registers() {
+    fn wide_layout_has_seven_interface_registers() {
         let layout = PortLayout::new(&WIDE, 3, 2).unwrap();
         assert_eq!(layout.interface_registers, 7);
         let registers = layout.channel(Channel::ALL[1]).unwrap();
@@ -317,7 +317,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn what_is_not_there_is_not_addressed() {
+    fn absent_channels_and_ports_are_not_addressed() {
         let layout = PortLayout::new(&MODULE, 0, 3).unwrap();
         assert_eq!(layout.channel(Channel::ALL[3]), None);
         assert!(matches!(

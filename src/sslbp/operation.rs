@@ -267,7 +267,7 @@ mod tests {
     /// "NORMAL MODE OPERATION" and "SETUP MODE OPERATION". Gateware transcripts t01 (parameter 7,
     /// scratch 66, 4000 and 0001) and t18 (baud rate, 9A).
     #[test]
-    fn the_words_are_those_of_the_manual_and_of_the_transcripts() {
+    fn words_are_those_of_the_manual_and_of_the_transcripts() {
         use PortOperation as O;
         let words = [
             (O::StopAll, 0x800),
@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn an_operation_says_what_it_does() {
+    fn operation_is_shown_with_its_command_word() {
         let doit = PortOperation::Transfer(mask(5)).to_string();
         assert_eq!(doit, "DOIT of channels 0,2 (1005)");
         assert_eq!(PortOperation::StopAll.to_string(), "STOPALL (0800)");
@@ -350,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn a_size_is_the_smallest_that_holds_the_bits() {
+    fn size_is_the_smallest_that_holds_the_bits() {
         let bits = [0, 1, 8, 9, 16, 17, 32, 33, 64, 65];
         let bytes = bits.map(|bits| AccessSize::for_bits(bits).map_or(0, AccessSize::bytes));
         assert_eq!(bytes, [0, 1, 1, 2, 2, 4, 4, 8, 8, 0]);
@@ -374,7 +374,7 @@ mod tests {
         }
 
         #[test]
-        fn a_value_comes_back_as_it_was_written(address: u16, value: u64, n in 0usize..4) {
+        fn value_comes_back_as_it_was_written(address: u16, value: u64, n in 0usize..4) {
             let size = SIZES[n];
             let words = RemoteAccess::Write { address, size, value }.data_words().unwrap();
             let read = RemoteAccess::Read { address, size };

@@ -435,7 +435,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_says_what_to_do() {
+    fn start_failure_is_shown_with_reason_and_advice() {
         let failure = StartFailure {
             channel: Channel::ALL[1],
             reason: StartFailureReason::IllegalMode(5),
@@ -450,7 +450,7 @@ mod tests {
 
     /// Silence in the middle of START is an old firmware, or a cable that broke just then.
     #[test]
-    fn the_advice_fits_each_cause_of_a_failure() {
+    fn advice_fits_each_cause_of_a_failure() {
         use StartFailureReason as R;
         for reason in [R::NoUnitNumber, R::NoSizes] {
             assert_eq!(reason.advice(), Some(advice::RESTART_OR_UPDATE_REMOTE));

@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn a_machine_builder_can_read_it() {
+    fn machine_builder_can_read_it() {
         assert_eq!(
             cs(0x2042_2148).to_string(),
             "running; remote fault, communication error; since the last stop: no reply in time, \

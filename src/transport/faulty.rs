@@ -142,8 +142,8 @@ impl<B: ClockedBus> Faulty<B> {
         BusError::Injected { kind, exchange }
     }
 
-    /// Counts the silently dropped writes, which an exchange that reads has found, and returns their
-    /// number.
+    /// Counts the silently dropped writes, which an exchange that reads has found, and returns
+    /// their number.
     fn count_lost(&mut self) -> u32 {
         let lost = core::mem::take(&mut self.unnoticed);
         self.counted.lost_writes.tally(lost.into());

@@ -322,7 +322,7 @@ Local:
     }
 
     #[test]
-    fn the_narrowest_route_counts_and_then_the_metric() {
+    fn narrowest_route_counts_and_then_the_metric() {
         let network = network();
         assert_eq!(network.routes.len(), 8);
         let way = |a, b, c, d| network.way_to(Ipv4Addr::new(a, b, c, d));
@@ -357,7 +357,7 @@ Local:
     }
 
     #[test]
-    fn an_interface_with_another_network_is_not_free_for_a_board() {
+    fn interface_with_another_network_is_not_free_for_a_board() {
         let mut network = network();
         let names = |network: &Network| -> Vec<_> {
             let free = network.free();

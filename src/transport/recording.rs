@@ -38,8 +38,8 @@ use crate::tally::Tally;
 /// ```
 ///
 /// # Real time
-/// One clock reading for each exchange, and the cost of an entry for each word; nothing while the log
-/// is frozen, or has no room. No allocation.
+/// One clock reading for each exchange, and the cost of an entry for each word; nothing while the
+/// log is frozen, or has no room. No allocation.
 #[derive(Debug)]
 pub struct Recording<B> {
     /// The inner bus.
@@ -51,8 +51,8 @@ pub struct Recording<B> {
 /// The last words that went over a bus, oldest first.
 ///
 /// `Display` has the format of the host lines in the gateware transcripts: time in us, direction,
-/// address, value; [`text`](Self::text) has the names of registers as well. When the log is full, the
-/// oldest entries are dropped and counted.
+/// address, value; [`text`](Self::text) has the names of registers as well. When the log is full,
+/// the oldest entries are dropped and counted.
 ///
 /// # Real time
 /// No function allocates but [`new`](Self::new).

@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_silent_refuses_or_is_no_board_is_told_apart() {
+    fn silent_refusing_and_foreign_addresses_are_distinguished() {
         let bind = || UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         let (silent, foreign, gone) = (bind(), bind(), bind());
         let addresses = [&silent, &foreign, &gone].map(address);
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn more_addresses_than_are_asked_at_once_come_back_in_their_order() {
+    fn addresses_beyond_one_batch_are_returned_in_order() {
         let port = 9; // no program listens there
         let hosts = (1..=200).map(|n| SocketAddrV4::new(Ipv4Addr::new(127, 92, 0, n), port));
         let hosts: Vec<_> = hosts.collect();

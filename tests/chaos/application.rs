@@ -131,8 +131,8 @@ impl Application {
     }
 
     /// Compares all valid inputs with the truth. The board's own values were read within the last
-    /// `took`, and its encoders were latched up to `before` earlier than that. Its pins were released,
-    /// or not, and driven again by a set-up.
+    /// `took`, and its encoders were latched up to `before` earlier than that. Its pins were
+    /// released, or not, and driven again by a set-up.
     pub fn check_inputs<B: RegisterBus + Clock>(
         &mut self,
         driver: &Driver<B>,
@@ -413,8 +413,8 @@ impl Application {
         coming.filter_map(|group| group.checked_sub(1)).collect()
     }
 
-    /// The groups that are not armed: 0 for the board's own, and the others by the number of the remote,
-    /// from 1 on.
+    /// The groups that are not armed: 0 for the board's own, and the others by the number of the
+    /// remote, from 1 on.
     pub fn waiting<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Vec<usize> {
         self.groups(driver, |state| !state.armed)
     }

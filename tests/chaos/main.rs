@@ -4,9 +4,9 @@
 //! A scenario follows from its seed: a machine, a bus to it, an application with its habits, and
 //! one to three faults. The promises to be kept are in `docs/faults.md`. `CHAOS_SCENARIOS` is the
 //! number of scenarios, `CHAOS_SEED` the first seed; a failure is printed with its seed and its
-//! story, and `CHAOS_SEED=<that> CHAOS_SCENARIOS=1` repeats it exactly. `CHAOS_UNTIL=<promise>` ends
-//! with the first scenario that breaks this promise. Without `CHAOS_SEED`, the seeds that have found
-//! an error once run as well.
+//! story, and `CHAOS_SEED=<that> CHAOS_SCENARIOS=1` repeats it exactly. `CHAOS_UNTIL=<promise>`
+//! ends with the first scenario that breaks this promise. Without `CHAOS_SEED`, the seeds that have
+//! found an error once run as well.
 
 mod application;
 #[path = "../common/mod.rs"]

@@ -48,8 +48,8 @@ impl Sim {
         }
     }
 
-    /// The stepper motors, and the time of their board: it is ahead of the network's while the board
-    /// executes a packet.
+    /// The stepper motors, and the time of their board: it is ahead of the network's while the
+    /// board executes a packet.
     pub fn steppers(&self) -> (Vec<Stepper>, u64) {
         self.on(|fpga| {
             let axes = 0..fpga.axes();

@@ -62,8 +62,8 @@ fn off_after(plan: &Plan) -> u64 {
     }
     (plan.extras.remote_watchdog.max(written.into()) + 10) * MILLI
 }
-/// Time from clearing a remote's faults to the first frame of chatter, which replaces its outputs: up
-/// to then it applied none.
+/// Time from clearing a remote's faults to the first frame of chatter, which replaces its outputs:
+/// up to then it applied none.
 const CLEARED: u64 = MILLI;
 /// Nothing switches off a remote whose watchdog is off.
 const NEVER: u64 = 1_000_000 * MILLI;
@@ -100,7 +100,8 @@ struct Track {
     /// Time until which outputs of before a fault may stand for longer; `u64::MAX` while the fault
     /// is set.
     faulty_until: u64,
-    /// Time until which a fault may be reported by the first frame after the board was set up again.
+    /// Time until which a fault may be reported by the first frame after the board was set up
+    /// again.
     asked_until: u64,
     /// The current state is a subset of the previous one.
     has_fewer: bool,
@@ -377,8 +378,8 @@ impl Oracle {
         (0..self.remotes.len()).for_each(|remote| self.comes(remote));
     }
 
-    /// A remote is to be armed as soon as it runs. Until it is started, its watchdog bites because of
-    /// what was known.
+    /// A remote is to be armed as soon as it runs. Until it is started, its watchdog bites because
+    /// of what was known.
     pub fn comes(&mut self, remote: usize) {
         let track = &mut self.remotes[remote];
         (track.is_coming, track.is_started) = (true, false);

@@ -148,8 +148,8 @@ struct Scenario {
     has_open_pins: bool,
     /// Time at which the first pin was driven after none was.
     opened: u64,
-    /// All pins were released since the last set-up; and before the set-up that was written since the
-    /// last read.
+    /// All pins were released since the last set-up; and before the set-up that was written since
+    /// the last read.
     released: (bool, bool),
     /// A remote has reported a fault: its number, the time, its earlier faults, and the number of
     /// good reads that may miss it.
@@ -192,8 +192,8 @@ struct Scenario {
     bitten: u32,
     /// The value of a parameter that was requested last of the remotes of each port.
     requested: Vec<Option<u32>>,
-    /// The fault of a wire to come while parameters are written, so long after the start of a port: no
-    /// other parameter is requested after it. And those of the next rounds.
+    /// The fault of a wire to come while parameters are written, so long after the start of a port:
+    /// no other parameter is requested after it. And those of the next rounds.
     in_write: Option<Planned>,
     in_writes: Vec<Planned>,
 }
@@ -360,8 +360,8 @@ impl Scenario {
         Ok(())
     }
 
-    /// Notes that the board, cleared by pin, has been set up, at `at` or later. Until the bus works,
-    /// the set-up is tried with each write.
+    /// Notes that the board, cleared by pin, has been set up, at `at` or later. Until the bus
+    /// works, the set-up is tried with each write.
     fn comes_by_pin<B: Host>(&mut self, driver: &Driver<B>, at: u64) {
         let runs = driver.board_state() == BoardState::Running;
         if self.is_clearing && runs {

@@ -69,7 +69,7 @@ fn elements(descriptor: &RemoteDescriptor) -> Vec<(&str, u8, DataDirection)> {
 
 /// FACTS 8.1 to 8.4, 4.7.
 #[test]
-fn the_devices_are_what_the_facts_say() {
+fn discovered_devices_match_the_facts() {
     use DataDirection::{Input, Output};
     let (mut fpga, mut port) = machine();
     let found = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
@@ -128,7 +128,7 @@ fn the_devices_are_what_the_facts_say() {
 /// A host that ends in the middle of an access to non-volatile memory leaves the remote with that
 /// memory in the place of its tables (FACTS 6.3).
 #[test]
-fn remotes_that_were_left_with_their_nonvolatile_memory_selected_are_found_as_ever() {
+fn remotes_left_with_nonvolatile_memory_selected_are_found() {
     let (mut fpga, mut port) = machine();
     let before = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
     for memory in [NonvolatileMemory::Eeprom, NonvolatileMemory::Flash] {
@@ -144,7 +144,7 @@ fn remotes_that_were_left_with_their_nonvolatile_memory_selected_are_found_as_ev
 /// FACTS 4.7, transcript t26: all eight bytes of a 7I64's reply are data, so that its inputs are at
 /// the places of the built-in table.
 #[test]
-fn the_inputs_of_a_7i64_are_where_its_table_says() {
+fn inputs_of_a_7i64_are_at_the_places_of_its_table() {
     let (mut fpga, mut port) = machine();
     let channel = Channel::ALL[3];
     let found = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
@@ -298,7 +298,7 @@ fn lines(descriptor: &RemoteDescriptor) -> Vec<String> {
 
 /// Manual: 7I77, "DISCOVERY SEQUENCE", steps 1 to 29.
 #[test]
-fn the_manuals_steps_find_the_same_with_many_more_accesses() {
+fn manuals_steps_find_the_same_with_many_more_accesses() {
     let (mut fpga, mut port) = machine();
     for mode in 0..4 {
         let ours = &found(&mut port, &mut fpga, &[mode])[0];
@@ -357,7 +357,7 @@ fn data_address(line: &str) -> String {
 
 /// The fault is 40 in the fault byte; a setup START does not check it.
 #[test]
-fn a_software_mode_that_the_remote_does_not_have_is_a_problem_until_it_is_started_in_another() {
+fn illegal_software_mode_is_a_problem_until_a_legal_start() {
     let (mut fpga, mut port) = machine();
     let mut in_mode = |mode| discovered(&mut port, &mut fpga, &[mode]).remove(0);
     let illegal = in_mode(7);

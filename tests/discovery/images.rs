@@ -48,7 +48,7 @@ const MODES: [(u16, u16, u8, u8); 4] = [
 
 /// Manual: 7I77, "DISCOVERY SEQUENCE"; memory of transcript t03.
 #[test]
-fn the_recorded_7i77_is_found_as_it_is() {
+fn recorded_7i77_is_found_as_it_is() {
     let mut image = Image::recorded("t03_setup_one", 0);
     let found = run(&mut image, &started(0x5C0, 0x5D2, 9, 2));
     assert_eq!(found.problems, []);
@@ -122,7 +122,7 @@ fn discovery_costs_one_access_for_eight_bytes() {
 
 /// FACTS 7.2: process data, modes of all indexes and parameters are in the GTOC.
 #[test]
-fn what_the_gtoc_repeats_is_no_parameter() {
+fn gtoc_repetitions_are_not_parameters() {
     let mut image = Image::recorded("t03_setup_one", 0);
     // Output, Input, both modes, a mode of another index, and the three parameters.
     let gtoc = [0x400, 0x416, 0x42B, 0x438, 0x55C, 0x445, 0x45F, 0x47F, 0];
@@ -175,7 +175,7 @@ fn a_7i64_is_recognised_by_its_name() {
 
 /// A table cannot replace sizes that START did not report: no data would be transferred.
 #[test]
-fn a_remote_without_tables_that_tells_no_sizes_is_refused_whatever_is_known_of_it() {
+fn remote_without_tables_and_sizes_is_refused_even_if_known() {
     const DRIVE: RemoteTable = RemoteTable {
         has_discovery: false,
         ..RemoteTable::new(

@@ -289,8 +289,8 @@ fn circles(package: &Package) -> BTreeSet<BTreeSet<String>> {
     circles.collect()
 }
 
-/// Circles that are known, with what ties them. None may be added, and one that is open goes from the
-/// list.
+/// Circles that are known, with what ties them. None may be added, and one that is open goes from
+/// the list.
 const STAY: &[(&[&str], &str)] = &[
     (
         &[

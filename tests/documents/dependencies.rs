@@ -34,7 +34,7 @@ fn default_features_need_these_packages_and_no_others() {
 /// The simulator shares wire formats, register addresses and the bus with the driver, and nothing
 /// else, so that the two cannot have the same error. The same holds for its tests.
 #[test]
-fn the_simulator_knows_nothing_of_the_driver() {
+fn simulator_knows_nothing_of_the_driver() {
     let text = tree("mesa-hal-sim", "all");
     let packages = packages(&text);
     let own: Vec<_> = packages

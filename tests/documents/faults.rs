@@ -21,7 +21,7 @@ fn quoted(cell: &str) -> impl Iterator<Item = &str> {
 }
 
 #[test]
-fn the_fault_contract_has_exactly_one_row_for_each_fault_of_the_simulator() {
+fn fault_contract_has_one_row_for_each_simulator_fault() {
     let names: Vec<_> = rows().filter_map(|row| quoted(row[0]).next()).collect();
     for kind in FaultKind::ALL {
         let found = names.iter().filter(|name| **name == kind.name()).count();

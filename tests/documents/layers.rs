@@ -61,7 +61,7 @@ const FORMS: [&str; 11] = [
 ];
 
 #[test]
-fn a_layer_knows_only_those_below_it() {
+fn layer_knows_only_those_below_it() {
     let root = crate::root();
     for layer in WIRE {
         let wire = root.join("crates/mesa-wire/src");
@@ -90,7 +90,7 @@ fn a_layer_knows_only_those_below_it() {
 const COMMAND: [&str; 4] = ["ui", "machine", "board", "commands"];
 
 #[test]
-fn a_folder_of_the_command_knows_only_those_below_it() {
+fn folder_of_the_command_knows_only_those_below_it() {
     let command = crate::root().join("crates/mesa-tools/src/bin/mesa");
     for (number, folder) in COMMAND.into_iter().enumerate() {
         let may_know = COMMAND.into_iter().take(number + 1).collect();
@@ -113,7 +113,7 @@ fn names_only(layer: &Path, may_know: &BTreeSet<&str>) {
 }
 
 #[test]
-fn what_a_source_names_is_found() {
+fn crate_modules_named_by_a_source_are_found() {
     let text = "#[cfg(test)]\nmod tests;\nuse crate::bus::{Access, Clock};\nuse crate::{\n    hal,\n    lbp::{a, b},\n};\n\
                 /// See [`x`](crate::driver::Driver).\nlet a = crate::sslbp::Port::new();\n\
                 #[cfg(test)]\nmod tests {\n    use mesa_hal_sim::SimFpga;\n}\n";

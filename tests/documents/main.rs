@@ -9,6 +9,7 @@ mod dependencies;
 mod faults;
 mod layers;
 mod links;
+mod names;
 mod neighbours;
 mod readme;
 

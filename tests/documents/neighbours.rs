@@ -173,7 +173,7 @@ const PAGE: &str = "docs/neighbours.md";
 
 /// Run with `UPDATE_NEIGHBOURS=1` to write the page anew.
 #[test]
-fn the_table_of_what_neighbours_lose_is_what_is_measured() {
+fn table_of_what_neighbours_lose_is_what_is_measured() {
     let path = crate::root().join(PAGE);
     let page = std::fs::read_to_string(&path).expect(PAGE);
     let start = page.find("| trouble |").expect("a table");

@@ -6,7 +6,7 @@ const README: &str = include_str!("../../README.md");
 const TEN_LINES: &str = include_str!("ten_lines.in");
 
 #[test]
-fn the_lines_in_the_readme_are_those_that_are_run_here() {
+fn lines_in_the_readme_are_those_that_are_run_here() {
     let (_, block) = README.split_once("```rust\n").expect("a block of code");
     let (block, _) = block.split_once("# Ok::").expect("its end");
     let run = TEN_LINES.strip_prefix("{\n").expect("an expression");
@@ -17,7 +17,7 @@ fn the_lines_in_the_readme_are_those_that_are_run_here() {
 }
 
 #[test]
-fn the_lines_in_the_readme_move_the_axis() -> Result<(), Box<dyn std::error::Error>> {
+fn lines_in_the_readme_move_the_axis() -> Result<(), Box<dyn std::error::Error>> {
     let (mut bus, statistics) = include!("ten_lines.in");
     // The motor needs a moment to stop.
     bus.wait(std::time::Duration::from_millis(50));

@@ -215,28 +215,28 @@ fn run(seed: u64, rate: u32, cycles: u32, pace: Pace) -> u32 {
 }
 
 #[test]
-fn at_1_khz_on_a_bad_network_every_mishap_is_counted_and_no_pin_is_wrong() {
+fn every_network_fault_at_1_khz_is_counted_and_no_pin_is_wrong() {
     for seed in [1, 97, 2026] {
         assert!(run(seed, 1000, 2000, Pace::Host) > 1300, "seed {seed}");
     }
 }
 
 #[test]
-fn at_4_khz_on_a_bad_network_every_mishap_is_counted_and_no_pin_is_wrong() {
+fn every_network_fault_at_4_khz_is_counted_and_no_pin_is_wrong() {
     for seed in [4, 7] {
         assert!(run(seed, 4000, 4000, Pace::Host) > 2500, "seed {seed}");
     }
 }
 
 #[test]
-fn paced_by_the_board_on_a_bad_network_every_mishap_is_counted_and_no_pin_is_wrong() {
+fn every_board_paced_network_fault_is_counted_with_no_pin_wrong() {
     for (seed, rate) in [(3, 1000), (11, 1000), (12, 4000)] {
         assert!(run(seed, rate, 3000, Pace::Board) > 1800, "seed {seed}");
     }
 }
 
 #[test]
-fn on_a_good_network_nothing_is_lost_and_a_cycle_is_two_packets_out_and_one_back() {
+fn good_network_has_no_loss_with_two_packets_out_and_one_back() {
     let (mut driver, period) = good_network();
     let before = driver.bus().statistics();
     for _ in 0..1000 {
@@ -258,7 +258,7 @@ fn on_a_good_network_nothing_is_lost_and_a_cycle_is_two_packets_out_and_one_back
 }
 
 #[test]
-fn when_the_cable_is_pulled_the_outputs_go_off_and_come_back_only_when_rearmed() {
+fn outputs_go_off_on_a_pulled_cable_and_return_only_on_rearm() {
     let (mut driver, period) = good_network();
     let analog: I7i77Analog = driver.attach((0, 1)).expect("analog");
     let drive: Output<f64> = analog.analog_out[0].volts;
@@ -301,9 +301,10 @@ fn when_the_cable_is_pulled_the_outputs_go_off_and_come_back_only_when_rearmed()
     );
 }
 
-/// The time of its last edge shows that it has not moved. tests/driver/positions has encoders that turn.
+/// The time of its last edge shows that it has not moved. tests/driver/positions has encoders that
+/// turn.
 #[test]
-fn an_encoder_that_stood_still_in_a_gap_is_sure() {
+fn encoder_that_stood_still_in_a_gap_is_sure() {
     let (mut driver, period) = good_network();
     let unsure = driver.pins().input("hm2_7i92.0.encoder.02.count-unsure");
     let unsure: Input<bool> = unsure.expect("a pin");
@@ -326,7 +327,7 @@ fn an_encoder_that_stood_still_in_a_gap_is_sure() {
 }
 
 #[test]
-fn how_long_a_reply_is_waited_for_can_be_set_as_in_linuxcnc() {
+fn reply_timeout_can_be_set_as_in_linuxcnc() {
     let (mut driver, _) = good_network();
     let timeout = driver.pins().parameter("hm2_7i92.0.packet-read-timeout");
     let timeout = timeout.expect("a parameter");
@@ -357,7 +358,7 @@ fn how_long_a_reply_is_waited_for_can_be_set_as_in_linuxcnc() {
 }
 
 #[test]
-fn who_drives_a_board_is_not_disturbed_by_somebody_who_looks_whether_it_is_free() {
+fn running_driver_is_not_disturbed_by_a_free_check_of_its_board() {
     let (mut driver, period) = good_network();
     let analog: I7i77Analog = driver.attach((0, 1)).expect("analog");
     let mut good = 0;
@@ -417,7 +418,7 @@ fn beside(driver: &mut EthernetDriver, packets: usize) -> Vec<EventKind> {
 }
 
 #[test]
-fn a_second_master_that_begins_later_is_an_event_and_counted_and_ends_nothing_by_itself() {
+fn later_second_master_is_an_event_and_counted_and_ends_nothing() {
     let (mut driver, _) = good_network();
     assert_eq!(beside(&mut driver, 0), []);
     let told = beside(&mut driver, 2);

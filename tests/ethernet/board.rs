@@ -64,7 +64,7 @@ fn as_it_comes(mut flash: Flash<EthernetBoard<'_, Bus>>) -> Flash<EthernetBoard<
 }
 
 #[test]
-fn a_board_says_who_it_is() {
+fn board_reports_its_identity() {
     let mut bus = bus();
     let mut board = EthernetBoard::new(&mut bus);
     let identity = board.identity().expect("identity");
@@ -129,7 +129,7 @@ fn led_pins_show_on_the_leds_once_these_are_given_to_the_fpga() {
 }
 
 #[test]
-fn a_restart_gives_the_leds_to_whom_the_eeprom_says() {
+fn led_mode_of_the_eeprom_applies_after_a_restart() {
     let mut bus = bus();
     let mut board = EthernetBoard::new(&mut bus);
     assert_eq!(
@@ -167,7 +167,7 @@ fn old_firmware_has_no_netmask_and_can_not_be_reloaded() {
 }
 
 #[test]
-fn a_board_counts_what_it_could_not_do() {
+fn board_counts_what_it_could_not_do() {
     let mut bus = bus();
     let mut board = EthernetBoard::new(&mut bus);
     let before = board.counters().expect("counters");
@@ -208,7 +208,7 @@ fn errors_are_cleared_and_packets_go_on_being_counted() {
 }
 
 #[test]
-fn its_clock_tells_when_packets_came_and_went() {
+fn board_timestamps_show_packet_arrival_and_departure() {
     let mut bus = bus();
     let mut board = EthernetBoard::new(&mut bus);
     let first = board.timestamps().expect("timestamps");
@@ -222,7 +222,7 @@ fn its_clock_tells_when_packets_came_and_went() {
 }
 
 #[test]
-fn a_configuration_is_programmed_and_verified_over_the_network() {
+fn configuration_is_programmed_and_verified_over_the_network() {
     let mut bus = bus();
     let mut flash = as_it_comes(flash(&mut bus));
     let data = configuration(200_001);
@@ -259,7 +259,7 @@ fn a_configuration_is_programmed_and_verified_over_the_network() {
 }
 
 #[test]
-fn without_a_boot_block_nothing_is_erased() {
+fn flash_is_not_erased_without_a_boot_block() {
     let mut bus = bus();
     let mut flash = flash(&mut bus);
     let data = configuration(1000);
@@ -300,7 +300,7 @@ fn lost_packets_only_take_longer() {
 }
 
 #[test]
-fn after_reset_and_reload_the_board_answers_again() {
+fn board_answers_again_after_reset_and_reload() {
     let mut bus = bus();
     let mut board = EthernetBoard::new(&mut bus);
     board.reset().expect("reset");
@@ -315,7 +315,7 @@ fn after_reset_and_reload_the_board_answers_again() {
 }
 
 #[test]
-fn a_board_that_never_answers_is_said_with_a_hint() {
+fn silent_board_is_reported_with_advice() {
     let mut link = link();
     link.to_board = cut();
     let error = UdpBus::new(link, UdpConfig::default()).expect_err("nobody answers");
@@ -324,7 +324,7 @@ fn a_board_that_never_answers_is_said_with_a_hint() {
 }
 
 #[test]
-fn every_error_says_what_to_do_next() {
+fn every_error_has_advice_apart_from_its_text() {
     use mesa_hal::ethernet::BitfileError::{self, *};
     type Ethernet = EthernetError;
     let (address, bytes, area) = (0x10_0000, 9, Area::User);
@@ -398,7 +398,7 @@ fn every_error_says_what_to_do_next() {
 }
 
 #[test]
-fn a_7i92_has_its_own_layout_and_takes_no_file_and_no_layout_of_a_7i97() {
+fn board_7i92_has_its_layout_and_refuses_7i97_files_and_layouts() {
     let mut bus = connect(SimLink::new(machines::i7i92_7i77()));
     let error = EthernetBoard::new(&mut bus)
         .into_flash(FlashLayout::I7I97)

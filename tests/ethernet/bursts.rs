@@ -202,12 +202,12 @@ fn every_input_moves_again(
 }
 
 #[test]
-fn after_a_burst_of_lost_packets_every_input_of_a_7i97_and_its_remotes_moves_or_is_not_valid() {
+fn inputs_of_7i97_and_remotes_move_or_are_invalid_after_a_burst() {
     every_input_moves_again(|| machines::six_axes_7i97(Motor::default()), true, 1..61);
 }
 
 #[test]
-fn after_a_burst_of_lost_packets_inputs_that_are_not_multiplexed_move_or_are_not_valid() {
+fn unmultiplexed_inputs_move_or_are_invalid_after_a_burst() {
     let fpga = || {
         let mut fpga = machines::i7i97_inm_outm(1);
         machines::wire_7i97(&mut fpga, |_| Motor::default());

@@ -114,7 +114,7 @@ impl Controller {
 }
 
 #[test]
-fn the_program_of_the_page_is_the_one_that_moves_an_axis_here() {
+fn program_of_the_page_is_the_one_that_moves_an_axis_here() {
     let page = include_str!("../../docs/microcontroller.md");
     let program = include_str!("../../examples/network/microcontroller/drive.rs");
     let (_, program) = program.split_once("\n\n").expect("its description");
@@ -137,7 +137,7 @@ fn the_program_of_the_page_is_the_one_that_moves_an_axis_here() {
 }
 
 #[test]
-fn a_machine_is_driven_over_a_stack_that_is_no_socket() {
+fn machine_is_driven_over_a_stack_that_is_no_socket() {
     let mut controller = Controller::start();
     for (on, volts) in [(true, 2.5), (false, -7.5), (true, 0.0)] {
         controller.set_input(on);
@@ -158,7 +158,7 @@ fn a_machine_is_driven_over_a_stack_that_is_no_socket() {
 }
 
 #[test]
-fn a_lost_request_reply_or_write_is_one_failed_read_or_one_lost_write() {
+fn lost_packet_is_exactly_one_failed_read_or_one_lost_write() {
     let mut controller = Controller::start();
     controller.cycles(20, 1.0);
     let usual = controller.age();
@@ -183,7 +183,7 @@ fn a_lost_request_reply_or_write_is_one_failed_read_or_one_lost_write() {
 }
 
 #[test]
-fn a_late_reply_is_not_taken_for_the_next_one() {
+fn late_reply_is_not_taken_for_the_next_one() {
     let mut controller = Controller::start();
     controller.cycles(20, 1.0);
     let before = controller.statistics();
@@ -201,7 +201,7 @@ fn a_late_reply_is_not_taken_for_the_next_one() {
 }
 
 #[test]
-fn the_address_of_a_board_that_answers_is_not_asked_for_again() {
+fn address_of_a_board_that_answers_is_not_asked_for_again() {
     let mut bus = bus(&cable());
     // The stack forgets the MAC address of a neighbour that is silent for a minute.
     for _ in 0..7 {
@@ -212,7 +212,7 @@ fn the_address_of_a_board_that_answers_is_not_asked_for_again() {
 }
 
 #[test]
-fn a_board_that_is_not_there_is_no_reply_and_not_a_full_buffer() {
+fn board_that_is_not_there_is_no_reply_and_not_a_full_buffer() {
     let cable = cable();
     let absent = IpEndpoint::new(IpAddress::v4(10, 10, 10, 11), BOARD.1);
     let error = UdpBus::new(link(&cable, absent), UdpConfig::default())

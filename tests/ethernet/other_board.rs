@@ -51,7 +51,7 @@ fn cycles(machine: &mut OnNetwork, count: usize) {
 }
 
 #[test]
-fn a_board_with_another_mac_address_or_name_gets_no_set_up_and_its_drives_no_voltage() {
+fn board_with_another_mac_or_name_gets_no_set_up_and_no_voltage() {
     let mut mac = config();
     mac.mac[5] ^= 1;
     let mut name = config();
@@ -84,7 +84,7 @@ fn a_board_with_another_mac_address_or_name_gets_no_set_up_and_its_drives_no_vol
 }
 
 #[test]
-fn the_same_board_after_a_pause_is_the_same() {
+fn same_board_after_a_pause_is_the_same() {
     let mut machine = OnNetwork::on(bus(machines::i7i92_with_cards()), |_| {});
     cycles(&mut machine, 20);
     machine.sleep(300);

@@ -28,7 +28,7 @@ fn registers_of_every_space_are_read_as_what_they_are() {
 }
 
 #[test]
-fn what_is_no_register_is_refused_with_the_reason_and_changes_nothing() {
+fn invalid_registers_are_refused_with_reason_and_no_change() {
     let mut bus = connect(SimLink::new(machines::i7i97(1)));
     let mut board = EthernetBoard::new(&mut bus);
     let eeprom = board.peek(Space::Eeprom, 0, 0x40).expect("the EEPROM");
@@ -63,7 +63,7 @@ fn what_is_no_register_is_refused_with_the_reason_and_changes_nothing() {
 }
 
 #[test]
-fn what_is_written_is_read_back_on_a_bad_network_too() {
+fn written_registers_read_back_on_a_bad_network() {
     let mut link = SimLink::new(machines::i7i97(1));
     let lossy = |seed: u64| {
         let mut chance = Chance(seed);

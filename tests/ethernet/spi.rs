@@ -48,7 +48,7 @@ fn bitfile(len: usize) -> Vec<u8> {
 }
 
 #[test]
-fn a_configuration_is_written_verified_and_backed_up_through_the_registers() {
+fn configuration_is_written_verified_and_backed_up_by_registers() {
     let mut bus = board();
     let bytes = bitfile(0x1_2345);
     let file = Bitfile::parse(&bytes).expect("a bitfile");
@@ -79,7 +79,7 @@ fn a_configuration_is_written_verified_and_backed_up_through_the_registers() {
 }
 
 #[test]
-fn a_chip_that_differs_is_found_and_a_backup_is_restored() {
+fn chip_that_differs_is_found_and_a_backup_is_restored() {
     let mut bus = board();
     let bytes = bitfile(0x2000);
     let file = Bitfile::parse(&bytes).expect("a bitfile");
@@ -155,7 +155,7 @@ impl Clock for Broken {
 }
 
 #[test]
-fn registers_without_a_chip_and_a_chip_that_stays_busy_are_errors() {
+fn missing_or_busy_spi_chip_is_an_error() {
     let broken = |control| Broken {
         control,
         now: Cell::default(),

@@ -1,6 +1,6 @@
-//! What the step generators needed of the extension point, for any module outside of the crate: a part
-//! of its own for parameters, a safe value that follows the machine, a register that takes several
-//! words, the time of the timer that latches it, and a probe that latches where it is.
+//! What the step generators needed of the extension point, for any module outside of the crate: a
+//! part of its own for parameters, a safe value that follows the machine, a register that takes
+//! several words, the time of the timer that latches it, and a probe that latches where it is.
 
 use mesa_hal::bus::{BusErrorKind, Clock, Instant, Phase, ReadSlot, RegisterBus, Setting, Stage};
 use mesa_hal::bus::{Words, WriteSlot};
@@ -47,8 +47,8 @@ enum Progress {
     Armed,
 }
 
-/// The latch of the probe. Writes can be lost, late or repeated: clear bits alone are no edge after an
-/// exchange in doubt, because a late word of before clears them as well; another place is one.
+/// The latch of the probe. Writes can be lost, late or repeated: clear bits alone are no edge after
+/// an exchange in doubt, because a late word of before clears them as well; another place is one.
 #[derive(Debug)]
 struct Probe {
     control: Setting,
@@ -276,7 +276,7 @@ fn curve(driver: &Driver<SimFpga>) -> &[u32] {
 }
 
 #[test]
-fn a_register_of_several_words_gets_them_in_their_order_at_the_set_up_and_after_a_change() {
+fn multi_word_register_is_written_in_order_at_set_up_and_change() {
     let (mut driver, pins) = started();
     assert!(curve(&driver).ends_with(&[1, 2, 3]), "{:?}", curve(&driver));
     driver
@@ -292,7 +292,7 @@ fn a_register_of_several_words_gets_them_in_their_order_at_the_set_up_and_after_
 }
 
 #[test]
-fn parameters_are_prepared_when_one_of_them_changes_and_not_with_each_command() {
+fn parameters_are_prepared_on_change_not_with_each_command() {
     let (mut driver, pins) = started();
     cycles(&mut driver, 1);
     let prepared = driver.pins().read(pins.prepared).value;
@@ -312,7 +312,7 @@ fn parameters_are_prepared_when_one_of_them_changes_and_not_with_each_command() 
 
 /// The command of a position is safe where the axis stands.
 #[test]
-fn after_a_fault_an_output_has_the_safe_value_that_its_module_gave_it() {
+fn output_has_the_safe_value_of_its_module_after_a_fault() {
     let (mut driver, pins) = started();
     driver.pins_mut().set(pins.command, 40.0);
     cycles(&mut driver, 3);
@@ -329,7 +329,7 @@ fn after_a_fault_an_output_has_the_safe_value_that_its_module_gave_it() {
 }
 
 #[test]
-fn a_module_knows_the_time_at_which_a_timer_of_the_loop_latches_it() {
+fn module_knows_the_latch_time_of_its_dpll_timer() {
     let (mut driver, pins) = started();
     let timer = driver.pins().output("hm2_7i92.0.dpll.02.timer-us");
     driver.pins_mut().set(timer.expect("a timer"), -250.0);
@@ -358,7 +358,7 @@ fn touch(fpga: &mut SimFpga, is_touched: bool) {
 }
 
 #[test]
-fn the_place_of_the_edge_of_a_probe_is_latched_and_ends_the_request() {
+fn place_of_the_edge_of_a_probe_is_latched_and_ends_the_request() {
     let (mut driver, pins) = started();
     let asks = |driver: &Driver<SimFpga>| driver.pins().read(pins.probe_enable).value;
     let latched = |driver: &Driver<SimFpga>| driver.pins().read(pins.probe_place).ok();
@@ -390,7 +390,7 @@ fn the_place_of_the_edge_of_a_probe_is_latched_and_ends_the_request() {
 
 /// Whichever write is lost: that of the request, or one in the period of the edge.
 #[test]
-fn a_lost_write_costs_no_edge_of_a_probe() {
+fn lost_write_costs_no_edge_of_a_probe() {
     for lost in 0..16 {
         let (mut driver, pins) = started_on(Faulty::new(fpga(), 1));
         cycles(&mut driver, 120);
@@ -421,7 +421,7 @@ fn a_lost_write_costs_no_edge_of_a_probe() {
 }
 
 #[test]
-fn a_request_of_before_a_reset_is_made_again() {
+fn request_of_before_a_reset_is_made_again() {
     let (mut driver, pins) = started();
     driver.pins_mut().set(pins.probe_enable, true);
     cycles(&mut driver, 3);

@@ -160,7 +160,7 @@ fn each_output_of_a_module_from_outside_turns_its_own_motor() {
 }
 
 #[test]
-fn the_watchdog_and_a_reload_stop_motors_that_a_module_from_outside_drives() {
+fn watchdog_and_reload_stop_motors_of_an_external_module() {
     let mut fpga = machine();
     enable(&mut fpga);
     fpga.write_register(MILLIVOLTS, 2_000);
@@ -181,7 +181,7 @@ fn the_watchdog_and_a_reload_stop_motors_that_a_module_from_outside_drives() {
 }
 
 #[test]
-fn a_signal_that_changes_by_itself_does_so_to_the_nanosecond() {
+fn signal_that_changes_by_itself_does_so_to_the_nanosecond() {
     let mut fpga = machine();
     enable(&mut fpga);
     fpga.write_register(TIMEOUT, 12_345);
@@ -194,7 +194,7 @@ fn a_signal_that_changes_by_itself_does_so_to_the_nanosecond() {
 }
 
 #[test]
-fn without_the_module_the_drive_has_no_signal() {
+fn drive_has_no_signal_without_its_module() {
     let mut fpga = SimFpga::new(machines::firmware_7i92_7i77());
     let axis = fpga.wire_axis(AxisWiring {
         source: DriveSource::Module {

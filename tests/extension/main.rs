@@ -167,7 +167,7 @@ impl Machine {
 }
 
 #[test]
-fn board_module_and_card_from_outside_have_names_terminals_and_values_as_any_other() {
+fn external_board_module_and_card_work_like_built_in_ones() {
     let mut machine = Machine::new();
     assert_eq!(machine.terminal("gpio.021.out"), "X2 pin 7");
     assert_eq!(machine.terminal("VlV4.0.0.valve-02"), "X2.5");
@@ -193,7 +193,7 @@ fn board_module_and_card_from_outside_have_names_terminals_and_values_as_any_oth
 }
 
 #[test]
-fn a_reset_switches_all_of_it_off_and_rearming_brings_its_settings_back_and_no_command() {
+fn reset_switches_all_off_and_rearm_restores_settings_only() {
     let mut machine = Machine::new();
     machine.set(5_000.0, true, true);
     let width = machine.pulses.width_us;
@@ -235,7 +235,7 @@ fn a_reset_switches_all_of_it_off_and_rearming_brings_its_settings_back_and_no_c
 }
 
 #[test]
-fn between_set_up_and_first_write_an_output_from_outside_has_its_safe_word() {
+fn external_output_is_safe_between_set_up_and_first_write() {
     // Left by an earlier program.
     let mut used = fpga();
     used.write_register(RATE, 0x0100_0000);
@@ -257,7 +257,7 @@ fn between_set_up_and_first_write_an_output_from_outside_has_its_safe_word() {
 }
 
 #[test]
-fn the_end_leaves_nothing_of_it_on() {
+fn end_leaves_nothing_of_it_on() {
     let mut machine = Machine::new();
     machine.set(5_000.0, true, true);
     machine.cycles(10);
@@ -272,7 +272,7 @@ fn the_end_leaves_nothing_of_it_on() {
 }
 
 #[test]
-fn what_is_not_there_or_there_already_is_told() {
+fn absent_and_duplicate_parts_are_reported() {
     let mut board = Board::identify(fpga(), settings()).expect("a board");
     board.add(Pulser::register).expect("the module");
     let twice = board
@@ -296,7 +296,7 @@ fn what_is_not_there_or_there_already_is_told() {
 }
 
 #[test]
-fn handles_of_a_module_are_valid_from_its_registration_to_the_driver() {
+fn module_handles_are_valid_from_registration_to_the_driver() {
     let mut board = Board::identify(fpga(), settings()).expect("a board");
     let pulses = board.add(Pulser::register).expect("the module");
     let pulses = pulses.expect("the firmware has it");
@@ -312,7 +312,7 @@ fn handles_of_a_module_are_valid_from_its_registration_to_the_driver() {
 }
 
 #[test]
-fn a_module_whose_registration_fails_after_it_was_added_is_not_in_the_cycle() {
+fn module_with_a_failed_registration_is_not_in_the_cycle() {
     let mut board = Board::identify(fpga(), settings()).expect("a board");
     let failed = board.add(|r| {
         Pulser::register(r)?;
@@ -324,7 +324,7 @@ fn a_module_whose_registration_fails_after_it_was_added_is_not_in_the_cycle() {
 }
 
 #[test]
-fn the_module_takes_less_than_100_lines() {
+fn module_takes_less_than_100_lines() {
     let module = include_str!("../../examples/own_module/pulser.rs");
     assert!(module.lines().count() < 100);
 }
@@ -350,7 +350,7 @@ const OTHER: BoardTable = BoardTable {
 };
 
 #[test]
-fn a_board_table_from_outside_tells_rates_terminals_and_full_scales() {
+fn external_board_table_sets_rates_terminals_and_full_scales() {
     let mut firmware = machines::firmware_7i97(1);
     firmware.board = *b"MESA9I99";
     let settings = Settings {

@@ -187,7 +187,7 @@ fn cycles(driver: &mut Driver<SimFpga>, count: u32) {
 }
 
 #[test]
-fn every_instance_is_registered_and_the_pins_that_are_left_are_plain_io() {
+fn every_instance_is_registered_and_unused_pins_are_plain_io() {
     let (mut driver, gauges, _) = started(machines::firmware_7i92_7i77());
     assert_eq!(gauges.len(), 2);
     let module: &mut Gateware = driver.bus_mut().module_mut(GAUGE.0).expect("it was added");
@@ -210,7 +210,7 @@ fn every_instance_is_registered_and_the_pins_that_are_left_are_plain_io() {
 }
 
 #[test]
-fn what_is_asked_for_is_written_and_read_once_and_an_event_is_told_by_the_module() {
+fn requested_accesses_happen_once_and_module_reports_its_event() {
     let (mut driver, gauges, _) = started(machines::firmware_7i92_7i77());
     let mut events = driver.events();
     cycles(&mut driver, 20);
@@ -243,7 +243,7 @@ fn what_is_asked_for_is_written_and_read_once_and_an_event_is_told_by_the_module
 
 /// The board paces: a host that is late misses periods, which each module knows.
 #[test]
-fn a_module_knows_how_many_periods_were_missed() {
+fn module_knows_how_many_periods_were_missed() {
     let settings = Settings {
         pace: Pace::Board,
         ..Settings::default()
@@ -265,7 +265,7 @@ fn a_module_knows_how_many_periods_were_missed() {
 }
 
 #[test]
-fn a_module_is_latched_by_the_dpll_of_the_firmware_that_has_one() {
+fn module_is_latched_by_the_dpll_of_the_firmware_that_has_one() {
     for has_dpll in [false, true] {
         let mut firmware = machines::firmware_7i97(1);
         firmware

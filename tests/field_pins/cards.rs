@@ -1,5 +1,5 @@
-//! The simulated cards of a machine: those of the simulator, and for a kind that it does not have one
-//! that describes itself with the names of the list.
+//! The simulated cards of a machine: those of the simulator, and for a kind that it does not have
+//! one that describes itself with the names of the list.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -83,8 +83,8 @@ fn is_parameter(entry: &Entry) -> bool {
     matches!(&*entry.direction, "RO" | "RW")
 }
 
-/// The text that describes a card with these names, the ends of which belong to an element together:
-/// its type is that of its pins.
+/// The text that describes a card with these names, the ends of which belong to an element
+/// together: its type is that of its pins.
 fn described(card: &Card, own: &BTreeMap<&str, &Entry>) -> String {
     let (first, rest) = card.name.split_at(1);
     let (second, rest) = rest.split_at(1);

@@ -312,8 +312,8 @@ impl Words {
         }
     }
 
-    /// Sets the board's name to that of the list, unless the board is known by another mark, such as
-    /// the size of its FPGA.
+    /// Sets the board's name to that of the list, unless the board is known by another mark, such
+    /// as the size of its FPGA.
     fn set_board(&mut self, board: &str) {
         let name = [NAME, NAME + 4].map(|address| self.word(address).to_le_bytes());
         let name = name.concat();
@@ -413,8 +413,8 @@ impl Words {
         unit < units || tag == STEPGEN && unit == 0x80
     }
 
-    /// Words of pins that the machine has and the words do not, the most certain ones last: those of
-    /// outputs whose names are in the list.
+    /// Words of pins that the machine has and the words do not, the most certain ones last: those
+    /// of outputs whose names are in the list.
     fn missing(&self, list: &List) -> Vec<u32> {
         let (mut named, mut wanted) = (Vec::new(), Vec::new());
         for kind in &KINDS {

@@ -95,8 +95,8 @@ impl List {
         self.entries.contains_key(name)
     }
 
-    /// Number of instances whose pins have names with this beginning, a number, and this end; without
-    /// an end, any.
+    /// Number of instances whose pins have names with this beginning, a number, and this end;
+    /// without an end, any.
     pub fn instances(&self, begin: &str, end: &str) -> u8 {
         let is_there = |number: &u8| match end {
             "" => self.begins(&format!("{begin}{number:02}.")),

@@ -2,9 +2,9 @@
 //! driver makes for a simulated board of the same kind, with the same public firmware and simulated
 //! cards.
 //!
-//! The lists are in `tests/field_pins/lists`, each with three comment lines: board, firmware, cards.
-//! The environment variable `FIELD_PINS` selects another directory of such lists, and `FIRMWARES` another
-//! one of firmwares.
+//! The lists are in `tests/field_pins/lists`, each with three comment lines: board, firmware,
+//! cards. The environment variable `FIELD_PINS` selects another directory of such lists, and
+//! `FIRMWARES` another one of firmwares.
 
 mod cards;
 mod compose;

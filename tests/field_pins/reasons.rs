@@ -51,7 +51,7 @@ fn fits(pattern: &str, text: &str) -> bool {
 }
 
 #[test]
-fn a_reason_is_for_its_own_names_alone() {
+fn reason_is_for_its_own_names_alone() {
     for (pattern, text, expected) in [
         ("*", "anything", true),
         ("*.nvunitnumber", "7i76.0.2.nvunitnumber", true),

@@ -25,7 +25,7 @@ fn cycle(driver: &mut Driver<SimFpga>) -> Result<(), String> {
 }
 
 #[test]
-fn every_firmware_starts_with_names_of_linuxcnc_and_remarks_on_what_is_not_driven() {
+fn every_firmware_has_linuxcnc_names_and_undriven_modules_named() {
     each(|image| {
         let mut driver = start(image)?;
         for _ in 0..5 {
@@ -281,7 +281,7 @@ fn remarks(driver: &Driver<SimFpga>, truth: &Truth) -> Result<usize, String> {
 }
 
 #[test]
-fn after_the_start_no_pin_of_any_firmware_is_driven_that_nobody_asked_for() {
+fn no_unrequested_pin_is_driven_after_start_of_any_firmware() {
     each(|image| {
         let mut driver = start(image)?;
         quiet(driver.bus_mut(), &image.truth)?;

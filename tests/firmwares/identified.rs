@@ -7,7 +7,7 @@ use super::truth::{Module, Pin};
 use super::{Image, each, names, same};
 
 #[test]
-fn every_module_and_pin_of_every_firmware_is_as_its_words_say() {
+fn modules_and_pins_of_every_firmware_match_its_words() {
     each(|image| {
         let parsed = FirmwareImage::parse(&image.text).map_err(|error| error.to_string())?;
         let mut fpga = SimFpga::from_image(&parsed).map_err(|error| error.to_string())?;

@@ -23,7 +23,7 @@ fn unnoticed(name: &str, alter: impl Fn(&mut Entry) -> bool) -> (usize, Vec<usiz
 }
 
 #[test]
-fn the_recordings_themselves_replay_without_a_difference() {
+fn recordings_themselves_replay_without_a_difference() {
     for name in ["t05_passthrough", "t10b_back_to_back"] {
         assert_eq!(replay(&recording(name)).differences, Vec::new());
     }
@@ -74,7 +74,7 @@ fn every_wait_that_is_altered_is_found() {
 }
 
 #[test]
-fn a_reply_that_differs_from_the_recorded_one_shows_in_the_registers() {
+fn reply_that_differs_from_the_recorded_one_shows_in_registers() {
     let (altered, missed) = unnoticed("t11_fault", |entry| match &mut entry.event {
         Event::ToFpga { bytes, .. } if bytes.len() == 6 && entry.time > 2_000_000 => {
             // A wrong CRC.
@@ -88,7 +88,7 @@ fn a_reply_that_differs_from_the_recorded_one_shows_in_the_registers() {
 }
 
 #[test]
-fn a_burst_too_many_or_too_few_is_found() {
+fn burst_too_many_or_too_few_is_found() {
     let original = recording("t06d_badmode");
     let bursts = original
         .entries

@@ -188,7 +188,7 @@ fn no_recorded_doit_took_longer_than_predicted_or_much_less() {
 
 /// FACTS 5.1.
 #[test]
-fn no_recorded_doit_that_met_chatter_took_longer_than_predicted_for_the_first_one() {
+fn recorded_doit_with_chatter_stays_within_predicted_first_time() {
     let mut compared = 0;
     for doit in recorded().iter().filter(|doit| doit.met_chatter) {
         let first = doit.predicted.first.as_nanos() as Nanos;

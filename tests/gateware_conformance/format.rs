@@ -52,7 +52,7 @@ fn every_kind_of_line_is_read() {
 }
 
 #[test]
-fn a_damaged_line_is_named() {
+fn damaged_line_is_named() {
     for (damaged, line) in [
         ("1.00 host write CS[0] 0x1234\n", 3),
         ("1.00 host read CS[8] 0x00000000\n", 3),

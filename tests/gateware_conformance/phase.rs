@@ -5,8 +5,8 @@
 //!
 //! - `t01b`: the effect of a command that is written 20 to 24 us after the release of bit 14: lost,
 //!   executed, or left standing.
-//! - `t04c`: nothing. The state in which a channel without a remote gives up, 01 or 02, changes with moved
-//!   pauses only (FACTS 11.17).
+//! - `t04c`: nothing. The state in which a channel without a remote gives up, 01 or 02, changes
+//!   with moved pauses only (FACTS 11.17).
 //! - `t06b`, `t25`: CS sampled during chatter: the states 3A and 3B alternate.
 //! - `t09c`: the time until COMMAND sticks.
 //! - `u10`: the times of the late replies, by up to 300 ns: one clock cycle decides whether one of
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn in_t01b_only_commands_at_the_end_of_the_reset_time_are_uncertain() {
+    fn t01b_commands_are_uncertain_only_at_the_end_of_reset_time() {
         let mut rule = PhaseRule::of("t01b_reset_timeline");
         rule.saw_write(Register::Command, 0x4000, 0);
         rule.saw_write(Register::Command, 0, 1_000);

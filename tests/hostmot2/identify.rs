@@ -55,7 +55,7 @@ fn identification_takes_four_exchanges() {
 }
 
 #[test]
-fn a_missing_module_is_named_beside_what_is_there() {
+fn missing_module_is_named_beside_what_is_there() {
     let firmware = identify(&mut machines::i7i92_7i77()).unwrap();
     let missing = firmware.require(Gtag::PWM).unwrap_err();
     assert_eq!(
@@ -67,7 +67,7 @@ fn a_missing_module_is_named_beside_what_is_there() {
 }
 
 #[test]
-fn a_wrong_cookie_says_what_was_read_and_what_to_check() {
+fn wrong_cookie_is_reported_with_its_value_and_advice() {
     let mut bus = i7i97();
     bus.override_rom(0x0100, 0xFFFF_FFFF);
     let error = identify(&mut bus).unwrap_err();
@@ -140,7 +140,7 @@ fn each_wrong_word_gets_its_own_error() {
 }
 
 #[test]
-fn what_is_merely_odd_is_a_warning() {
+fn odd_but_usable_descriptors_are_warnings() {
     let mut bus = i7i97();
     bus.override_rom(0x0448 + 12 + 12 - 8, 0x0201_0003); // I/O port descriptor: two instances
     bus.override_rom(0x05C0 + 4 * 50, 0); // last pin: no primary tag

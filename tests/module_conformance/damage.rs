@@ -71,7 +71,7 @@ fn every_edge_that_is_missing_is_found() {
 }
 
 #[test]
-fn a_bite_that_comes_a_clock_earlier_or_later_is_found() {
+fn bite_that_comes_a_clock_earlier_or_later_is_found() {
     for shift in [-10, 10] {
         let (altered, missed) = unnoticed("wd01_bite", |entry| {
             let is_bite = matches!(entry.event, Event::Pin { .. }) && entry.time == 2050;
@@ -106,7 +106,7 @@ fn every_edge_and_duty_of_a_pwm_that_is_altered_is_found() {
 }
 
 #[test]
-fn a_file_that_is_cut_off_in_a_line_can_not_be_read() {
+fn file_that_is_cut_off_in_a_line_can_not_be_read() {
     let path = own_directory(DIRECTORY).join("wd01_bite.txt");
     let text = std::fs::read_to_string(path).expect("a recording of the project");
     for end in 1..text.len() {
@@ -118,7 +118,7 @@ fn a_file_that_is_cut_off_in_a_line_can_not_be_read() {
 }
 
 #[test]
-fn a_file_of_no_family_is_not_taken_for_another() {
+fn file_of_no_family_is_not_taken_for_another() {
     for name in ["pw01", "io", "iox1", "pwmx", "serial01", "inm01"] {
         let known = ["io"].contains(&name);
         assert_eq!(family(name).is_some(), known, "{name}");
@@ -126,7 +126,7 @@ fn a_file_of_no_family_is_not_taken_for_another() {
 }
 
 #[test]
-fn every_edge_of_a_step_generator_that_moves_by_a_clock_is_found() {
+fn every_step_generator_edge_shifted_by_one_clock_is_found() {
     for (name, shift) in [
         ("sg19_reverse", 10),
         ("sg21_zero", -10),
@@ -147,7 +147,7 @@ fn every_edge_of_a_step_generator_that_moves_by_a_clock_is_found() {
 }
 
 #[test]
-fn every_level_and_register_of_a_step_generator_that_is_altered_is_found() {
+fn every_altered_level_and_register_of_a_generator_is_found() {
     for (name, bit) in [
         ("sg01_reset", 1),
         ("sg23_updown", 1),
@@ -176,7 +176,7 @@ fn every_level_and_register_of_a_step_generator_that_is_altered_is_found() {
 }
 
 #[test]
-fn a_step_that_is_missing_or_added_is_found() {
+fn step_that_is_missing_or_added_is_found() {
     let original = recording("sg21_zero");
     for (index, entry) in original.entries.iter().enumerate() {
         if matches!(entry.event, Event::Pin { .. }) && entry.time > 400 {

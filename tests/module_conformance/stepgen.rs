@@ -50,8 +50,8 @@ fn is_encoder(register: Register) -> bool {
     register.kind.gtag == gtag::MUXED_ENCODER
 }
 
-/// Compares the words of encoders: counts exactly, time stamps within the period of the multiplexer,
-/// whose phase is not known.
+/// Compares the words of encoders: counts exactly, time stamps within the period of the
+/// multiplexer, whose phase is not known.
 fn compare_encoders(transcript: &Transcript, words: &[u32], outcome: &mut Outcome) {
     let reads = transcript
         .entries
@@ -72,8 +72,8 @@ fn compare_encoders(transcript: &Transcript, words: &[u32], outcome: &mut Outcom
     }
 }
 
-/// The firmware on which a file was recorded, as its first line names it; 7I76 on a 7I92 with a DPLL
-/// is the usual one.
+/// The firmware on which a file was recorded, as its first line names it; 7I76 on a 7I92 with a
+/// DPLL is the usual one.
 fn firmware(transcript: &Transcript) -> SimFirmware {
     let head = transcript.comments.first().map_or("", String::as_str);
     let drives = |name: &str| {
@@ -216,8 +216,8 @@ impl StepgenBench {
         }
     }
 
-    /// Compares the counted steps with the accumulators after the end of the file, at rate 0: a step
-    /// begins one clock after the accumulator has crossed.
+    /// Compares the counted steps with the accumulators after the end of the file, at rate 0: a
+    /// step begins one clock after the accumulator has crossed.
     fn compare_counts(&mut self, transcript: &Transcript, outcome: &mut Outcome) {
         let units = counted_units(transcript);
         let Some(last) = transcript.entries.last() else {

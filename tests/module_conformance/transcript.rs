@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_line_is_named() {
+    fn damaged_line_is_named() {
         for (damaged, line) in [
             ("20 write LED 0x1234\n", 2),
             ("20 write LED 0x1234----\n", 2),

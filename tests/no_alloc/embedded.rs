@@ -30,14 +30,14 @@ impl Count {
 }
 
 #[test]
-fn the_counter_counts() {
+fn counter_counts() {
     let mut count = Count::default();
     count.of(|| drop(std::hint::black_box(vec![1u8])));
     assert_eq!(count.allocations, 1);
 }
 
 #[test]
-fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
+fn hundred_thousand_cycles_with_faults_allocate_nothing() {
     let log = BusLog::new(5_000).freezing_on(RecordedEntry::is_fault, 500);
     let bus = Recording::new(Faulty::new(fpga(), 0x5EED), log);
     let settings = Settings {

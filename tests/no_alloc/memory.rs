@@ -1,5 +1,5 @@
-//! The memory of a driver with its UDP bus: what it keeps, and the most that its start needs. That of the
-//! simulated board is not counted.
+//! The memory of a driver with its UDP bus: what it keeps, and the most that its start needs. That
+//! of the simulated board is not counted.
 
 use allocation_counter::measure;
 use mesa_hal::Driver;
@@ -34,7 +34,7 @@ const MACHINES: [Limits; 2] = [
 ];
 
 #[test]
-fn a_driver_keeps_and_needs_no_more_memory_than_documented() {
+fn driver_keeps_and_needs_no_more_memory_than_documented() {
     let page = include_str!("../../docs/microcontroller.md");
     for limits in MACHINES {
         let card = limits.card;

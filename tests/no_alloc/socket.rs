@@ -1,5 +1,6 @@
-//! Nothing in the cycle over a socket allocates: in real time, with a board on another thread behind a network
-//! that loses, delays and duplicates packets. What the bus above the socket does is in `udp.rs`.
+//! Nothing in the cycle over a socket allocates: in real time, with a board on another thread
+//! behind a network that loses, delays and duplicates packets. What the bus above the socket does
+//! is in `udp.rs`.
 
 use crate::common::machine::start;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
@@ -66,7 +67,7 @@ impl Drop for Board {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_thousand_cycles_over_a_socket_allocate_nothing() {
+fn thousand_cycles_over_a_socket_allocate_nothing() {
     for pace in [Pace::Host, Pace::Board] {
         let mishaps = Mishaps {
             loss: 0.01,

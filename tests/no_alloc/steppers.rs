@@ -53,7 +53,7 @@ fn command(driver: &mut Driver<Faulty<SimFpga>>, all: &[StepgenPins], n: u32) {
 }
 
 #[test]
-fn step_generators_allocate_nothing_whatever_is_commanded_and_whatever_fails() {
+fn step_generators_never_allocate_under_any_command_or_fault() {
     let (mut driver, all) = started();
     assert_eq!(all.len(), 5);
     let mut events = driver.events();

@@ -1,5 +1,6 @@
-//! Nothing in the cycle over Ethernet allocates, at either pace: a board behind a network that loses, delays and
-//! duplicates packets, on virtual time. What board and network allocate is not counted.
+//! Nothing in the cycle over Ethernet allocates, at either pace: a board behind a network that
+//! loses, delays and duplicates packets, on virtual time. What board and network allocate is not
+//! counted.
 
 use std::time::Duration;
 
@@ -65,7 +66,7 @@ fn bad(seed: u64) -> Fate {
 }
 
 #[test]
-fn a_thousand_cycles_over_ethernet_allocate_nothing() {
+fn thousand_cycles_over_ethernet_allocate_nothing() {
     for pace in [Pace::Host, Pace::Board] {
         let board = Uncounted::new(machines::six_axes_7i97(Motor::default()));
         let bus = UdpBus::new(board, UdpConfig::default()).expect("the board answers");

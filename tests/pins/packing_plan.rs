@@ -55,7 +55,7 @@ fn sizes_are_those_of_the_manuals() {
 }
 
 #[test]
-fn what_does_not_fit_is_refused_with_its_size() {
+fn oversized_process_data_is_refused_with_its_size() {
     let inputs = numbers(&[64, 32, 1], DataDirection::Input);
     let kind = |records: &[DataRecord], registers| plan_of(records, registers).unwrap_err().kind;
     assert_eq!(

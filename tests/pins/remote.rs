@@ -37,7 +37,7 @@ fn cycle(pins: &mut PinStore) {
 }
 
 #[test]
-fn field_inputs_come_from_interface_0_and_outputs_go_to_its_low_16_bits() {
+fn field_inputs_use_interface_0_and_outputs_its_low_16_bits() {
     // Manual 7I77: INTERFACE 0 inputs TB7 31..16, TB8 15..0; outputs TB7 15..8, TB8 7..0.
     let mut pins = PinStore::default();
     let mut remote = remote(&mut pins, 0, &field_io(0));
@@ -181,7 +181,7 @@ fn scale_and_limits_of_an_analog_output_work_as_in_linuxcnc() {
 }
 
 #[test]
-fn a_failed_remote_is_safe_alone_until_rearmed() {
+fn failed_remote_is_safe_alone_until_rearmed() {
     let mut pins = PinStore::default();
     let mut field = remote(&mut pins, 0, &field_io(0));
     let mut drives = remote(&mut pins, 1, &analog());
@@ -242,7 +242,7 @@ fn all_48_outputs_of_a_7i72_and_its_field_voltage() {
 }
 
 #[test]
-fn identity_is_checked_and_differences_from_the_table_are_told() {
+fn identity_is_checked_and_table_differences_are_reported() {
     let field = field_io(2);
     assert!(i7i77::FIELD.matches(&field));
     assert!(!i7i77::FIELD.matches(&analog()));
@@ -281,7 +281,7 @@ fn identity_is_checked_and_differences_from_the_table_are_told() {
 }
 
 #[test]
-fn parameters_are_kept_in_the_remote_and_setting_them_says_how_they_are_written() {
+fn parameters_stay_in_the_remote_and_set_param_gives_advice() {
     let mut pins = PinStore::default();
     let mut remote = remote(&mut pins, 0, &field_io(0));
     let baud = pins
@@ -339,7 +339,7 @@ fn parameters_are_kept_in_the_remote_and_setting_them_says_how_they_are_written(
 }
 
 #[test]
-fn a_bidirectional_element_is_in_both_streams_and_pads_take_room() {
+fn bidirectional_element_is_in_both_streams_and_pads_take_room() {
     use DataDirection::{Bidirectional, Input, Output};
     let data = vec![
         record("In", 3, DataType::Unsigned, Input, 0.0, 7.0),
@@ -366,7 +366,7 @@ fn a_bidirectional_element_is_in_both_streams_and_pads_take_room() {
 }
 
 #[test]
-fn a_count_in_two_parts_is_one_count_whichever_part_comes_first() {
+fn count_in_two_parts_is_one_count_whichever_part_comes_first() {
     use DataType::{EncoderHigh, EncoderLow};
     let part = |data_type, bits| record("Enc", bits, data_type, DataDirection::Input, 0.0, 1.0);
     for high_first in [true, false] {
@@ -458,7 +458,7 @@ fn any_record() -> impl Strategy<Value = mesa_hal::discovery::DataRecord> {
 
 proptest! {
     #[test]
-    fn any_descriptor_gives_pins_or_an_error_and_never_a_value_that_is_none(
+    fn any_descriptor_gives_pins_or_an_error_and_finite_values(
         data in prop::collection::vec(any_record(), 0..7),
         parameters in prop::collection::vec(any_record(), 0..12),
         words in any::<[u32; 7]>(),

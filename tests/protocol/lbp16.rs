@@ -73,7 +73,7 @@ impl Board {
 
 /// "SPACE 0: HOSTMOT2 REGISTERS": read first 5 entries in hostmot2 IDROM.
 #[test]
-fn the_first_five_entries_of_the_idrom_are_read() {
+fn first_five_entries_of_the_idrom_are_read() {
     let request = hex("85420004");
     let read = Command::read(Space::HostMot2, 5);
     assert_eq!(Host::default().command(read, 0x0400, &[]).0, request);
@@ -105,7 +105,7 @@ fn four_gpio_ports_are_written() {
 
 /// "SPACE 1: ETHERNET CHIP ACCESS": read Ethernet chip CIDER register.
 #[test]
-fn the_id_of_the_ethernet_chip_is_read() {
+fn id_of_the_ethernet_chip_is_read() {
     let request = hex("0145C000");
     let built = Host::default().read(Space::EthernetChip, 0xC0, 1);
     assert_eq!(built.0, request);
@@ -117,7 +117,7 @@ fn the_id_of_the_ethernet_chip_is_read() {
 
 /// "SPACE2: ETHERNET EEPROM CHIP ACCESS" and "ELBPCOM": write EEPROM IP address.
 #[test]
-fn the_ip_address_is_written() {
+fn ip_address_is_written() {
     let mut board = Board::new();
     for (request, address) in [
         ("01D91A00025A 82C920002000A8C0", "2000A8C0"),
@@ -137,7 +137,7 @@ fn the_ip_address_is_written() {
 
 /// "ELBPCOM": read hostmot2 cookie at 0x100.
 #[test]
-fn the_cookie_is_read() {
+fn cookie_is_read() {
     let request = hex("01420001");
     let built = Host::default().read(Space::HostMot2, 0x0100, 1);
     assert_eq!(built.0, request);
@@ -192,7 +192,7 @@ fn flash_memory_is_written_read_and_erased() {
 
 /// A hint follows a semicolon, or is a question.
 #[test]
-fn every_error_says_what_to_do_next() {
+fn every_error_contains_the_next_step() {
     let errors: [&dyn MesaError; 5] = [
         &Lbp16Error::Count { count: 200 },
         &Lbp16Error::BadCommand {

@@ -286,7 +286,7 @@ fn one_channel_can_be_stopped_and_started_while_the_other_runs() {
 
 /// FACTS 5.3; transcript t11: a remote's fault shows in CS only.
 #[test]
-fn a_remote_fault_shows_although_data_is_clear() {
+fn remote_fault_shows_although_data_is_clear() {
     let bus = Replay::of("t11_fault");
     let (mut bus, mut port) = running(bus, &[(5, 2)]);
     let mut faults = Vec::new();
@@ -302,7 +302,7 @@ fn a_remote_fault_shows_although_data_is_clear() {
 
 /// FACTS 4.4; transcript t12: a remote that is gone costs its own data, not its neighbour's.
 #[test]
-fn a_dead_remote_fails_alone() {
+fn dead_remote_fails_alone() {
     let bus = Replay::of("t12_toomany");
     let (mut bus, mut port) = stopped(bus, &[(5, 2), (7, 6)]);
     let starts = [0, 1].map(|n| (Channel::ALL[n], 0));
@@ -336,7 +336,7 @@ fn a_7i64_starts_without_discovery() {
 
 /// FACTS 2.4; transcript t18: 115200 baud on channel 0, from 9A on.
 #[test]
-fn a_baud_rate_is_written_and_read_back() {
+fn baud_rate_is_written_and_read_back() {
     let mut bus = Replay::of("t18_baud");
     bus.local.extend((0x9A..).zip(2_500_000u32.to_le_bytes()));
     let (mut bus, mut port) = stopped(bus, &[(5, 2)]);

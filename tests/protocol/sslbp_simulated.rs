@@ -121,7 +121,7 @@ impl Between for StartsTwice {
 }
 
 #[test]
-fn a_start_that_the_network_delivers_twice_starts_the_channel_all_the_same() {
+fn start_delivered_twice_still_starts_the_channel() {
     let (fpga, mut port) = machine();
     let between = StartsTwice;
     let mut bus = Around { fpga, between };
@@ -155,7 +155,7 @@ fn local_reads_complete_at_any_phase_of_the_firmware_loop() {
 
 /// COMMAND has 12 bits of address: 1066 would be 066, which holds another byte.
 #[test]
-fn an_address_that_command_has_no_room_for_is_refused_and_not_cut_off() {
+fn address_too_wide_for_command_is_refused_and_not_truncated() {
     const SCRATCH: u16 = 0x66;
     let (mut fpga, mut port) = machine();
     port.on(&mut fpga).local_write(SCRATCH, 0x5A).unwrap();
@@ -220,7 +220,7 @@ fn process_data_goes_both_ways_and_a_lost_reply_is_marked() {
 
 /// FACTS 2.1: GTAG C6 has seven interface registers.
 #[test]
-fn the_wide_layout_moves_more_than_96_bits() {
+fn wide_layout_moves_more_than_96_bits() {
     let mut firmware = machines::firmware_7i92_7i77();
     for module in &mut firmware.modules {
         if module.gtag == gtag::SSERIAL {
@@ -257,7 +257,7 @@ fn the_wide_layout_moves_more_than_96_bits() {
 
 /// FACTS 5.6: 14/13 would start and never work; it is refused, and its line is quiet again.
 #[test]
-fn a_remote_with_too_much_data_is_refused_and_stopped() {
+fn remote_with_too_much_data_is_refused_and_stopped() {
     let (mut fpga, mut port) = machine();
     fpga.plug(
         0,

@@ -129,7 +129,7 @@ fn write_before_read_gives_the_inputs_of_the_doit_before() {
 
 /// FACTS 5.4; transcript t10: the DOITs up to the end of the bad CRC.
 #[test]
-fn a_lost_and_a_damaged_reply_are_told_apart() {
+fn lost_and_damaged_replies_are_distinguished() {
     let bus = Replay::of("t10_errors").without(|segment| segment.command & 0x2000 != 0);
     let mut cycle = Cycle::new(bus);
     cycle.read();
@@ -154,7 +154,7 @@ fn a_lost_and_a_damaged_reply_are_told_apart() {
 
 /// FACTS 3.1; transcript t09c: COMMAND stays 0800 for good.
 #[test]
-fn a_port_is_stuck_when_its_operation_takes_too_long_and_only_the_way_out_is_written() {
+fn slow_operation_makes_the_port_stuck_and_only_free_is_written() {
     let mut bus = Replay::of("t09c_stopall_doit")
         .without(|segment| segment.command == 0x1001 || segment.command == 0x0901);
     bus.begin_inside();
@@ -231,7 +231,7 @@ fn kind_of(operation: &PortOperation) -> &'static str {
 /// Too short a limit makes an operation fail that is only slow; a limit that is wrong by an order
 /// of magnitude has no relation to the operation.
 #[test]
-fn every_recorded_operation_ends_within_half_of_its_longest_time() {
+fn every_recorded_operation_ends_within_half_its_longest_time() {
     let operations = recorded_operations();
     assert!(operations.len() > 800, "{}", operations.len());
     let mut kinds = BTreeMap::<&str, (u32, Duration)>::new();
@@ -249,7 +249,7 @@ fn every_recorded_operation_ends_within_half_of_its_longest_time() {
 
 /// The first check is made when the operation can be complete, and before it is late.
 #[test]
-fn the_usual_time_of_an_operation_is_what_the_recordings_took() {
+fn usual_time_of_an_operation_is_what_the_recordings_took() {
     let mut times = BTreeMap::<String, (PortOperation, Vec<Duration>)>::new();
     for (_, operation, took) in recorded_operations() {
         let kind = match operation {

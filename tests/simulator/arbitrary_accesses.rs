@@ -108,7 +108,7 @@ proptest! {
     }
 
     #[test]
-    fn an_access_list_runs_whole_or_not_at_all(
+    fn access_list_runs_whole_or_not_at_all(
         lists in prop::collection::vec((any::<u16>(), 0u16..40, 0u16..40, any::<bool>()), 1..4),
         len in 0usize..64,
     ) {

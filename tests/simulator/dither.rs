@@ -80,7 +80,7 @@ fn wrapped(bits: u32, [from, to]: [u32; 2], wait: u64) -> f64 {
 }
 
 #[test]
-fn a_step_to_full_scale_has_one_period_of_0_with_12_bits_only() {
+fn step_to_full_scale_has_one_period_of_0_with_12_bits_only() {
     // At any point of a period, and in any period.
     for step in 0..8 {
         let wait = step * 47_000 + 300;
@@ -99,7 +99,7 @@ fn a_step_to_full_scale_has_one_period_of_0_with_12_bits_only() {
 }
 
 #[test]
-fn the_voltage_shows_that_period_and_no_other() {
+fn voltage_shows_that_period_and_no_other() {
     let mut bench = Bench::new(1, 12);
     bench.set(LAST);
     bench.wait(20 * bench.period);

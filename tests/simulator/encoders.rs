@@ -78,7 +78,7 @@ impl Bench {
 const KINDS: [(u8, u64); 2] = [(gtag::ENCODER, 60), (gtag::MUXED_ENCODER, 260)];
 
 #[test]
-fn an_index_that_overlaps_its_gate_for_less_than_three_samples_is_none() {
+fn index_overlapping_its_gate_under_three_samples_is_ignored() {
     for (tag, tick) in KINDS {
         for (overlap, caught) in [(tick * 3 / 2, false), (tick * 5, true)] {
             let mut bench = Bench::new(tag);
@@ -97,7 +97,7 @@ fn an_index_that_overlaps_its_gate_for_less_than_three_samples_is_none() {
 }
 
 #[test]
-fn a_new_polarity_of_the_index_goes_through_the_filter() {
+fn new_polarity_of_the_index_goes_through_the_filter() {
     for (tag, tick) in KINDS {
         let mut bench = Bench::new(tag);
         bench.set_control(INDEX_POLARITY);
@@ -114,7 +114,7 @@ fn a_new_polarity_of_the_index_goes_through_the_filter() {
 }
 
 #[test]
-fn a_pulse_on_the_probe_that_is_shorter_than_its_filter_does_not_latch() {
+fn probe_pulse_shorter_than_its_filter_does_not_latch() {
     for (tag, tick) in KINDS {
         for (pulse, caught) in [(50, false), (tick * 2, false), (tick * 5, true)] {
             let mut bench = Bench::new(tag);
@@ -131,7 +131,7 @@ fn a_pulse_on_the_probe_that_is_shorter_than_its_filter_does_not_latch() {
 }
 
 #[test]
-fn live_bits_change_when_the_count_does_and_not_when_the_filter_is_full() {
+fn live_bits_change_with_the_count_not_with_a_full_filter() {
     for (tag, tick) in KINDS {
         let mut bench = Bench::new(tag);
         bench.lines([true, false, false]);
@@ -155,7 +155,7 @@ fn live_bits_change_when_the_count_does_and_not_when_the_filter_is_full() {
 }
 
 #[test]
-fn in_up_down_mode_b_from_before_decides_and_nothing_is_an_error() {
+fn up_down_mode_counts_by_the_earlier_b_without_any_error() {
     for (tag, _) in KINDS {
         let mut bench = Bench::new(tag);
         bench.set_control(UP_DOWN);

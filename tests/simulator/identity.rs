@@ -180,14 +180,14 @@ const ENCODERS_OF_2016: [u32; 3] = [0x1001_030C, 0x0005_3500, 0x03];
 const SERIAL_OF_2016: [u32; 3] = [0x0201_00C1, 0x1006_5A00, 0x3C];
 
 #[test]
-fn cookie_and_name_stand_where_facts_9_1_says() {
+fn cookie_and_name_are_at_the_addresses_of_facts_9_1() {
     let mut fpga = machines::i7i92_7i77();
     let words = [0x100, 0x104, 0x108, 0x10C].map(|address| fpga.read_register(address));
     assert_eq!(words, [0x55AA_CAFE, 0x5453_4F48, 0x3254_4F4D, 0x400]);
 }
 
 #[test]
-fn the_7i97_is_laid_out_as_the_real_one() {
+fn simulated_7i97_is_laid_out_as_the_real_one() {
     let real = Words {
         header: header(*b"7I97", [9, 144, 3, 51]),
         modules: &MODULES_7I97,
@@ -201,7 +201,7 @@ fn the_7i97_is_laid_out_as_the_real_one() {
 }
 
 #[test]
-fn the_7i92_for_two_7i77_is_laid_out_as_the_real_one() {
+fn simulated_7i92_for_two_7i77_is_laid_out_as_the_real_one() {
     let real = Words {
         header: header(*b"7I92", [9, 144, 2, 34]),
         modules: &MODULES_7I77X2,
@@ -214,7 +214,7 @@ fn the_7i92_for_two_7i77_is_laid_out_as_the_real_one() {
 
 /// Its second connector is free: no public firmware is like that.
 #[test]
-fn the_7i92_for_one_7i77_has_a_dpll_and_a_descriptor_without_instances() {
+fn firmware_7i92_for_one_7i77_has_dpll_and_empty_descriptor() {
     let mut fpga = machines::i7i92_7i77();
     let words = idrom(&mut fpga);
     assert_eq!(words[..16], header(*b"7I92", [9, 144, 2, 34]));
@@ -235,7 +235,7 @@ fn the_7i92_for_one_7i77_has_a_dpll_and_a_descriptor_without_instances() {
 }
 
 #[test]
-fn the_7i80_of_2016_has_the_addresses_of_that_time() {
+fn simulated_7i80_of_2016_has_the_addresses_of_that_time() {
     let mut fpga = machines::i7i80_of_2016();
     let words = idrom(&mut fpga);
     assert_eq!(words[..16], header(*b"7I80", [16, 256, 4, 68]));

@@ -52,7 +52,7 @@ fn count(fpga: &mut SimFpga, encoder: u16) -> u16 {
 }
 
 #[test]
-fn a_select_line_that_a_pin_inverts_or_holds_shows_other_encoders() {
+fn select_line_that_a_pin_inverts_or_holds_shows_other_encoders() {
     for (words, expected) in [
         // Direction, alternate source and invert of the select pin; data.
         ([1, 1, 0, 0], [50, 100]),
@@ -77,7 +77,7 @@ fn a_select_line_that_a_pin_inverts_or_holds_shows_other_encoders() {
 const INMUX_SCAN: u32 = 78 << 6 | 1 << 5;
 
 #[test]
-fn inmux_slots_that_are_too_short_for_the_multiplexer_shift_all_inputs_by_one() {
+fn short_inmux_slots_shift_all_inputs_by_one() {
     for (divisor, expected) in [(7, 1 << 4), (6, 1 << 3), (5, 1 << 3)] {
         let mut fpga = turned_by_hand();
         fpga.write_register(0x8000, divisor << 6 | 1 << 5);
@@ -118,7 +118,7 @@ fn ssr_outputs_need_their_drive_and_their_pins() {
 }
 
 #[test]
-fn a_pwm_gives_volts_while_connected_whether_enabled_or_not() {
+fn pwm_gives_volts_while_connected_whether_enabled_or_not() {
     let mut fpga = turned_by_hand();
     // 12 bits at 48 kHz: 200 MHz * n / 65536 / 4096.
     fpga.write_register(0x4300, 64_425);
@@ -156,7 +156,7 @@ fn a_pwm_gives_volts_while_connected_whether_enabled_or_not() {
 }
 
 #[test]
-fn a_value_that_is_double_buffered_waits_for_the_end_of_the_period() {
+fn double_buffered_value_waits_for_the_end_of_the_period() {
     let mut fpga = turned_by_hand();
     fpga.write_register(0x4200, 0x23);
     fpga.write_register(0x4100, 3072 << 16);
@@ -182,7 +182,7 @@ fn module_pins_that_are_plain_outputs_switch_drives_on() {
 }
 
 #[test]
-fn pwm_modes_and_widths_give_the_duty_they_say() {
+fn pwm_modes_and_widths_give_the_specified_duty() {
     let mut fpga = turned_by_hand();
     fpga.write_register(0x4300, 0x8000);
     fpga.write_register(0x4400, 0x8000);
@@ -222,7 +222,7 @@ fn pwm_modes_and_widths_give_the_duty_they_say() {
 }
 
 #[test]
-fn watchdog_bites_when_it_is_disabled_while_it_runs_or_fed_before_it_was_set() {
+fn watchdog_bites_if_disabled_while_running_or_fed_before_set() {
     let disabled = |fpga: &mut SimFpga| {
         fpga.write_register(0x0C00, 99_999);
         fpga.write_register(0x0C00, 0x8000_0000);

@@ -41,7 +41,7 @@ fn modules_and_pins_are_those_of_mesas_public_pin_files() {
 
 /// FACTS 12.6: at ClockLow/8 a channel is sampled at ClockLow/16, and needs three samples.
 #[test]
-fn encoders_are_sampled_at_an_eighth_of_33_mhz_and_there_is_no_dpll() {
+fn encoders_are_sampled_at_an_eighth_of_33_mhz_without_a_dpll() {
     for firmware in [
         machines::firmware_5i25_7i77(),
         machines::firmware_5i25_7i77x2(),
@@ -53,7 +53,7 @@ fn encoders_are_sampled_at_an_eighth_of_33_mhz_and_there_is_no_dpll() {
 }
 
 #[test]
-fn the_registers_of_the_flash_memory_complete_a_byte_after_a_while() {
+fn registers_of_the_flash_memory_complete_a_byte_after_a_while() {
     let board = SimBoard::new(BoardConfig::new("5I25"), machines::i5i25_7i77());
     let mut bus = SimPciBus::new(board);
     assert_eq!(bus.read(0x0100), Ok(0x55AA_CAFE));

@@ -48,7 +48,7 @@ fn speeds(fpga: &mut SimFpga) -> [f64; 6] {
 
 /// Encoders are read and pins are written every 5 us, and nothing is sent to the remotes.
 #[test]
-fn an_unplugged_7i77_stops_its_motors_by_its_watchdog_however_often_the_fpga_is_accessed() {
+fn watchdog_of_an_unplugged_7i77_stops_motors_despite_accesses() {
     let mut machine = running();
     machine.cable(ANALOG).unplug();
     machine.cable(FIELD).unplug();
@@ -75,7 +75,7 @@ fn an_unplugged_7i77_stops_its_motors_by_its_watchdog_however_often_the_fpga_is_
 }
 
 #[test]
-fn every_fault_bit_can_be_set_alone_and_only_the_watchdogs_switches_off() {
+fn every_fault_bit_is_set_alone_and_only_watchdog_switches_off() {
     for bit in RemoteFaults::all().iter() {
         let mut machine = running();
         let remote = machine.driver.bus_mut().device_mut::<FieldRemote>(0, FIELD);
@@ -99,7 +99,7 @@ fn clear_faults(remote: &mut dyn SimDevice, at: u64) {
 }
 
 #[test]
-fn a_cause_that_lasts_can_not_be_cleared_until_it_ends() {
+fn cause_that_lasts_can_not_be_cleared_until_it_ends() {
     let mut remote = Outputs48::i7i72().expect("7I72");
     let fault = RemoteFaults::NO_ENABLE;
     clear_faults(&mut remote, 0);
@@ -116,7 +116,7 @@ fn a_cause_that_lasts_can_not_be_cleared_until_it_ends() {
 }
 
 #[test]
-fn shorts_heat_and_field_voltage_hold_as_long_as_they_last_and_their_fault_bits_until_cleared() {
+fn faults_last_as_long_as_their_cause_and_bits_until_cleared() {
     use RemoteFaults as F;
     let mut machine = running();
     let seen = |machine: &mut Machine| {
@@ -144,7 +144,7 @@ fn shorts_heat_and_field_voltage_hold_as_long_as_they_last_and_their_fault_bits_
 }
 
 #[test]
-fn without_power_outputs_are_off_at_once_and_back_with_power_the_remote_waits_for_the_host() {
+fn remote_is_off_without_power_and_then_waits_for_the_host() {
     let mut machine = running();
     let now = machine.now();
     machine.device_mut(ANALOG).set_power(now, false);
@@ -159,7 +159,7 @@ fn without_power_outputs_are_off_at_once_and_back_with_power_the_remote_waits_fo
 }
 
 #[test]
-fn the_watchdogs_of_all_remotes_bite_during_a_long_reset_of_the_fpga() {
+fn watchdogs_of_all_remotes_bite_during_a_long_fpga_reset() {
     let mut machine = running();
     let fpga = machine.driver.bus_mut();
     fpga.reset_for(80 * MS);

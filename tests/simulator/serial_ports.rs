@@ -51,7 +51,7 @@ fn outputs(fpga: &SimFpga, port: usize, channel: usize) -> &[u8] {
 }
 
 #[test]
-fn a_channel_whose_pins_are_not_set_up_reaches_nobody() {
+fn channel_without_pin_set_up_reaches_no_remote() {
     let mut fpga = machines::i7i97(2);
     for channel in 0..2 {
         fpga.plug(0, channel, Some(model("7I72", 1, 6)));
@@ -71,7 +71,7 @@ fn a_channel_whose_pins_are_not_set_up_reaches_nobody() {
 }
 
 #[test]
-fn the_watchdog_silences_the_ports() {
+fn watchdog_silences_the_ports() {
     let mut fpga = machines::i7i92_7i77();
     fpga.plug(0, 0, Some(model("7I77", 5, 2)));
     set_up_pins(&mut fpga);

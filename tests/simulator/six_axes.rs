@@ -182,7 +182,7 @@ fn servo(seconds: f64) -> (Vec<u16>, SimFpga) {
 }
 
 #[test]
-fn a_servo_second_is_deterministic() {
+fn servo_second_is_deterministic() {
     let begin = Instant::now();
     let (first, mut fpga) = servo(1.0);
     let host = begin.elapsed();

@@ -70,7 +70,7 @@ fn whole_steps(fpga: &mut SimFpga, generator: u16) -> i64 {
 }
 
 #[test]
-fn a_motor_is_where_the_accumulator_says_after_moves_in_both_directions() {
+fn motor_matches_the_accumulator_after_moves_in_both_directions() {
     for mut fpga in [machines::i7i92_7i76(), machines::i7i97_7i76()] {
         set_up(&mut fpga);
         let axes: Vec<usize> = (0..5).map(|n| wire(&mut fpga, n, None)).collect();
@@ -90,7 +90,7 @@ fn a_motor_is_where_the_accumulator_says_after_moves_in_both_directions() {
 }
 
 #[test]
-fn a_motor_loses_steps_where_the_rate_jumps_and_the_accumulator_does_not_know() {
+fn motor_loses_steps_on_a_rate_jump_unknown_to_the_accumulator() {
     let mut fpga = machine();
     let axis = wire(&mut fpga, 0, None);
     fpga.write_register(RATE, rate(80_000.0));
@@ -117,7 +117,7 @@ fn timings_that_are_too_short_for_the_drive_lose_all_steps() {
 }
 
 #[test]
-fn after_a_bite_the_motor_stands_while_the_accumulator_goes_on() {
+fn motor_stops_after_a_bite_while_the_accumulator_runs_on() {
     let mut fpga = machine();
     let axis = wire(&mut fpga, 0, None);
     fpga.write_register(RATE, rate(900.0));
@@ -132,7 +132,7 @@ fn after_a_bite_the_motor_stands_while_the_accumulator_goes_on() {
 }
 
 #[test]
-fn an_inverted_step_pin_steps_with_its_falling_edges() {
+fn inverted_step_pin_steps_with_its_falling_edges() {
     let mut fpga = machine();
     fpga.write_register(0x1400, 1 << 1);
     let axis = wire(&mut fpga, 0, None);
@@ -145,7 +145,7 @@ fn an_inverted_step_pin_steps_with_its_falling_edges() {
 }
 
 #[test]
-fn an_encoder_and_a_home_switch_follow_the_motor() {
+fn encoder_and_a_home_switch_follow_the_motor() {
     const HOME: usize = 20;
     let mut fpga = machine();
     let axis = wire(&mut fpga, 2, Some(0));
@@ -171,7 +171,7 @@ fn an_encoder_and_a_home_switch_follow_the_motor() {
 }
 
 #[test]
-fn a_reload_stops_the_generators_and_keeps_the_motor() {
+fn reload_stops_the_generators_and_keeps_the_motor() {
     let mut fpga = machine();
     let axis = wire(&mut fpga, 0, None);
     move_once(&mut fpga, 0, 10_000.0);
@@ -189,7 +189,7 @@ fn a_reload_stops_the_generators_and_keeps_the_motor() {
 /// The words of the firmwares are those of Mesa's public ones, but for one version: the recorded
 /// firmware with a 7I76 has step generators of version 42.
 #[test]
-fn the_firmwares_are_the_public_ones() {
+fn firmwares_are_the_public_ones() {
     for (firmware, name) in [
         (machines::firmware_7i92_7i76(), "7I92-7I76x1D_34"),
         (machines::firmware_7i97_7i76(), "7I97-7I97_7I76D_51"),

@@ -1,8 +1,9 @@
 //! A HAL on the heap, in the place of LinuxCNC's `hal_lib.so` and `rtapi_app`: the functions that
 //! `mesa_eth` calls, and others by which a test looks at pins, parameters and messages.
 //!
-//! It is as strict as HAL: names are there once and have at most 47 characters, pointers of pins and
-//! values of parameters are in memory of `hal_malloc`, and a component that has ended leaves nothing.
+//! It is as strict as HAL: names are there once and have at most 47 characters, pointers of pins
+//! and values of parameters are in memory of `hal_malloc`, and a component that has ended leaves
+//! nothing.
 
 #![expect(
     unsafe_code,

@@ -1,11 +1,13 @@
-//! Simulated boards, most with a 7I77 and a 7I72, for `examples/linuxcnc.sh`, in the place of `mesa sim`.
+//! Simulated boards, most with a 7I77 and a 7I72, for `examples/linuxcnc.sh`, in the place of `mesa
+//! sim`.
 //!
 //!     simulated_board [ANY WORDS] --board NAME [--second NAME] --listen ADDRESS
 //!
-//! NAME is 7i97, 7i92-7i77, or 7i92-7i76 and 7i92-7i76-index, which have a 7I76 alone. The second board is at port
-//! 27182 of the same address. Commands for the first one on standard input, one a line, each answered by a line:
-//! `plug N`, `unplug N`, `field N VOLTS`, `lose PART`, `input N on|off`, `watchdog N`, and `outputs`, with outputs 3
-//! of the 7I77, 17 of the 7I72 and 2 of the board.
+//! NAME is 7i97, 7i92-7i77, or 7i92-7i76 and 7i92-7i76-index, which have a 7I76 alone. The second
+//! board is at port 27182 of the same address. Commands for the first one on standard input, one a
+//! line, each answered by a line: `plug N`, `unplug N`, `field N VOLTS`, `lose PART`, `input N
+//! on|off`, `watchdog N`, and `outputs`, with outputs 3 of the 7I77, 17 of the 7I72 and 2 of the
+//! board.
 
 #[path = "../tests/fake_hal/board.rs"]
 mod board;

@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_done_in_linuxcnc_is_not_advised() {
+    fn advice_impossible_in_linuxcnc_is_not_shown() {
         for advice in [None, Some(advice::SET_ENCODER_RATE)] {
             let text = WithAdvice::new(&"a fact", advice).in_words(words);
             assert_eq!(text.to_string(), "a fact");

@@ -118,7 +118,8 @@ pub(crate) fn keep_board(number: usize, cycle: BoardCycle) {
 
 /// Does a step of a board, in a thread of HAL.
 ///
-/// A panic ends the board's cycle: its watchdog then switches its outputs off, and LinuxCNC goes on.
+/// A panic ends the board's cycle: its watchdog then switches its outputs off, and LinuxCNC goes
+/// on.
 ///
 /// # Real time
 /// That of the step. A board whose step another thread does at this moment is left out.
@@ -165,8 +166,8 @@ fn run(board: usize, step: Step, period: c_long) {
     }
 }
 
-/// Tries of a function of the cycle to get a board that a faster thread has: some ten microseconds. That
-/// thread needs it for a few accesses.
+/// Tries of a function of the cycle to get a board that a faster thread has: some ten microseconds.
+/// That thread needs it for a few accesses.
 const TRIES: u32 = 2_000;
 
 /// The board for a step. A faster thread is not held up: it leaves a board out that the cycle has.
@@ -207,8 +208,8 @@ fn stop(place: &Mutex<Option<BoardCycle>>) {
                 cycle.stop();
             }
         }
-        // The state of its driver is unknown, and its watchdog has bitten: it is left as it is, without
-        // its pins, which HAL removes.
+        // The state of its driver is unknown, and its watchdog has bitten: it is left as it is,
+        // without its pins, which HAL removes.
         Err(poisoned) => core::mem::forget(poisoned.into_inner().take()),
     }
     place.clear_poison();

@@ -1,7 +1,7 @@
 //! The words of LinuxCNC's `config=`.
 //!
-//! Source: manual page hostmot2(9), "config modparam"; LinuxCNC's driver (2.9 and later) for what the
-//! page leaves open.
+//! Source: manual page hostmot2(9), "config modparam"; LinuxCNC's driver (2.9 and later) for what
+//! the page leaves open.
 
 use mesa_hal::driver::Defaults;
 use mesa_hal::hostmot2::{CountedKind, Gtag, HostMot2};
@@ -358,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_word_everything_is_used_with_the_values_of_linuxcnc() {
+    fn empty_config_uses_everything_with_linuxcnc_defaults() {
         let expected = Settings {
             defaults: Defaults::LinuxCnc,
             ..Settings::default()
@@ -447,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refused_word_is_named_with_what_is_known() {
+    fn refused_word_is_named_with_what_is_known() {
         for (config, word, said) in [
             (
                 "num_encoders=4 num_encoder=4",
@@ -482,7 +482,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_word_is_shortened_in_the_message() {
+    fn long_word_is_shortened_in_the_message() {
         let word = "num_encoders=4".repeat(400);
         let error = Config::parse(&word).expect_err("no such word");
         let text = error.to_string();

@@ -25,12 +25,12 @@ use crate::table::{Change, Memory, Table};
 /// The largest number of remotes: four ports of eight channels.
 const MAX_REMOTES: usize = 32;
 
-/// Calls of `write` and `read-request` after a `read` up to which its values count as fresh: five cycles
-/// of a thread with both.
+/// Calls of `write` and `read-request` after a `read` up to which its values count as fresh: five
+/// cycles of a thread with both.
 const FRESH_CALLS: u32 = 10;
 
-/// Time after which the reason is repeated for which nothing is exchanged with the board: an operator's
-/// screen may begin after the thread.
+/// Time after which the reason is repeated for which nothing is exchanged with the board: an
+/// operator's screen may begin after the thread.
 const REPEAT: Duration = Duration::from_secs(5);
 
 /// Time between looks for a board that does not answer, each of which takes as long as a reply may.
@@ -47,8 +47,8 @@ pub(crate) struct Wanted {
     pub hal_type: HalType,
 }
 
-/// The pins and parameters of a board in HAL: all of the driver's, and then the component's own. HAL's
-/// numbers of the values are in this order.
+/// The pins and parameters of a board in HAL: all of the driver's, and then the component's own.
+/// HAL's numbers of the values are in this order.
 pub(crate) fn wanted<B: RegisterBus + Clock>(driver: &Driver<B>) -> Vec<Wanted> {
     let of_driver = driver.pins().infos().iter().map(|info| Wanted {
         name: info.name.clone(),
@@ -126,8 +126,8 @@ pub(crate) struct Cycle<B: RegisterBus + Clock, M: Memory> {
     io_error: Option<usize>,
     /// The parameters that remotes keep.
     in_remotes: Vec<InRemote>,
-    /// Values that HAL has for them, and that the driver has not been asked for yet; it has room for
-    /// all.
+    /// Values that HAL has for them, and that the driver has not been asked for yet; it has room
+    /// for all.
     requests: Vec<(PinId, AnyValue)>,
     /// Number in HAL of the pin `run` of each port.
     run: Vec<usize>,
@@ -250,8 +250,8 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
             return self.show_own();
         }
         if self.is_cleared {
-            // What the user has cleared covers the faults that were known then, and none that this read
-            // finds.
+            // What the user has cleared covers the faults that were known then, and none that this
+            // read finds.
             let wishes = self.wishes();
             self.rearm(wishes);
         }
@@ -263,8 +263,8 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         self.say_losses();
     }
 
-    /// Reads a board that waits until the user clears its `io_error`: positions are followed, and nothing
-    /// is written. An `io_error` that the user has set stops all exchanges, as in LinuxCNC.
+    /// Reads a board that waits until the user clears its `io_error`: positions are followed, and
+    /// nothing is written. An `io_error` that the user has set stops all exchanges, as in LinuxCNC.
     fn follow(&mut self) {
         if matches!(
             self.driver.board_state(),
@@ -281,8 +281,8 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         self.say_events();
     }
 
-    /// A rising edge of the board's `rearm` clears `io_error` and `watchdog.has_bit`, as the user does:
-    /// `io_error` is a parameter, which no signal reaches.
+    /// A rising edge of the board's `rearm` clears `io_error` and `watchdog.has_bit`, as the user
+    /// does: `io_error` is a parameter, which no signal reaches.
     fn acknowledge(&mut self) {
         let is_on = self.memory.load(self.board.rearm) != 0;
         let was_on = core::mem::replace(&mut self.was_acknowledging, is_on);
@@ -294,14 +294,15 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         }
     }
 
-    /// True if nothing may be written to the board until the user clears `io_error`, as in LinuxCNC.
+    /// True if nothing may be written to the board until the user clears `io_error`, as in
+    /// LinuxCNC.
     fn has_io_error(&self) -> bool {
         self.io_error
             .is_some_and(|number| self.memory.load(number) != 0)
     }
 
-    /// True if nothing may be written to the board: because of `io_error`, or because the driver does not
-    /// take the period of the thread.
+    /// True if nothing may be written to the board: because of `io_error`, or because the driver
+    /// does not take the period of the thread.
     fn is_silent(&self) -> bool {
         !self.has_begun || self.has_io_error()
     }
@@ -341,7 +342,8 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         self.show_own();
     }
 
-    /// The function `read_gpio`: the levels of all I/O pins, for a thread that is faster than the cycle's.
+    /// The function `read_gpio`: the levels of all I/O pins, for a thread that is faster than the
+    /// cycle's.
     pub fn read_gpio(&mut self) {
         if !self.has_io_error() {
             self.gpio.read(self.driver.bus_mut(), &mut self.memory);
@@ -377,9 +379,9 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         }
     }
 
-    /// In the first call: HAL has the period, and what the HAL file has set. A period that the driver
-    /// does not take sets `io_error`, and is tried again when the user clears that; until then the
-    /// reason is repeated.
+    /// In the first call: HAL has the period, and what the HAL file has set. A period that the
+    /// driver does not take sets `io_error`, and is tried again when the user clears that; until
+    /// then the reason is repeated.
     fn begin(&mut self, period: Duration) {
         if self.has_begun {
             return;
@@ -470,7 +472,8 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         remotes.chain(core::iter::once((BOARD, &self.board)))
     }
 
-    /// The outputs that should follow. Says which ones stay off although the machine is switched on.
+    /// The outputs that should follow. Says which ones stay off although the machine is switched
+    /// on.
     fn wishes(&mut self) -> ArmRequest {
         let rearm = self.entries();
         let rearm = rearm.filter(|(_, entry)| self.memory.load(entry.rearm) != 0);
@@ -516,8 +519,8 @@ impl<B: RegisterBus + Clock, M: Memory> Cycle<B, M> {
         self.calls_since_read = self.calls_since_read.map(|calls| calls.saturating_add(1));
     }
 
-    /// Shows the component's own pins. Each function does it each time: nothing else would make them FALSE
-    /// when another function is not called any more.
+    /// Shows the component's own pins. Each function does it each time: nothing else would make
+    /// them FALSE when another function is not called any more.
     fn show_own(&mut self) {
         let calls = self.calls_since_read;
         let is_fresh = calls.is_some_and(|calls| calls <= FRESH_CALLS);

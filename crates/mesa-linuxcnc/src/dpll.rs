@@ -46,14 +46,15 @@ impl Dpll {
         self.frequency
     }
 
-    /// The driver has this period. Its pin still asks for that of the period if the DPLL cannot follow.
+    /// The driver has this period. Its pin still asks for that of the period if the DPLL cannot
+    /// follow.
     pub fn begin(&mut self, period: Duration, pins: &Pins) {
         let khz = self.frequency.map(|id| f64::from_bits(pins.bits_of(id)));
         self.left_alone = khz.is_some_and(|khz| khz < 0.0).then_some(period);
     }
 
-    /// A message that has not been said: that the DPLL does not follow, and, as soon as a timer is set,
-    /// that this has not the effect that was asked for.
+    /// A message that has not been said: that the DPLL does not follow, and, as soon as a timer is
+    /// set, that this has not the effect that was asked for.
     ///
     /// # Real time
     /// A step for each kind of counter. No allocation.

@@ -1,9 +1,9 @@
 //! The symbols that `rtapi_app` looks up in the component.
 //!
-//! These are `rtapi_app_main`, `rtapi_app_exit`, and for a word `NAME=VALUE` of the `loadrt` line the
-//! pointers `rtapi_info_address_NAME`, to the place of the value, and `rtapi_info_type_NAME`, to its
-//! type: `i` for an integer, `s` for a text. With the number `rtapi_info_size_NAME` there is room for
-//! so many values, separated by commas.
+//! These are `rtapi_app_main`, `rtapi_app_exit`, and for a word `NAME=VALUE` of the `loadrt` line
+//! the pointers `rtapi_info_address_NAME`, to the place of the value, and `rtapi_info_type_NAME`,
+//! to its type: `i` for an integer, `s` for a text. With the number `rtapi_info_size_NAME` there is
+//! room for so many values, separated by commas.
 
 #![expect(
     unsafe_code,

@@ -55,7 +55,8 @@ struct Symbol {
     address: *mut c_void,
 }
 
-/// A function that a thread of HAL calls with the argument of its export and the thread's period in ns.
+/// A function that a thread of HAL calls with the argument of its export and the thread's period in
+/// ns.
 pub(crate) type Function = extern "C" fn(*mut c_void, c_long);
 
 /// Level of a message. LinuxCNC's realtime process prints these two, and no other: a message at
@@ -64,8 +65,8 @@ pub(crate) type Function = extern "C" fn(*mut c_void, c_long);
 pub(crate) enum Level {
     /// Printed, and not on the operator's screen.
     Note = 0,
-    /// Printed, and on the operator's screen: what the user asked for and does not get, and what the
-    /// driver switched off.
+    /// Printed, and on the operator's screen: what the user asked for and does not get, and what
+    /// the driver switched off.
     Error = 1,
 }
 
@@ -121,8 +122,8 @@ impl ComponentId {
     }
 }
 
-/// Bytes of HAL's shared memory, which stay until the last component of HAL has ended. `None` if the
-/// memory is used up.
+/// Bytes of HAL's shared memory, which stay until the last component of HAL has ended. `None` if
+/// the memory is used up.
 pub(crate) fn allocate(bytes: usize) -> Option<NonNull<u8>> {
     NonNull::new(hal_malloc(c_long::try_from(bytes).ok()?).cast())
 }
@@ -134,8 +135,8 @@ pub(crate) fn print(level: Level, text: &CStr) {
     unsafe { rtapi_print_msg(level as c_int, c"%s\n".as_ptr(), text.as_ptr()) }
 }
 
-/// The file that this code was loaded from, as `rtapi_app` has named it. `/proc/self/maps` has it as
-/// well, but not for a program with more rights than its user, which `rtapi_app` is.
+/// The file that this code was loaded from, as `rtapi_app` has named it. `/proc/self/maps` has it
+/// as well, but not for a program with more rights than its user, which `rtapi_app` is.
 pub(crate) fn own_file() -> Option<String> {
     let code = own_file as fn() -> Option<String> as *const c_void;
     let mut symbol = Symbol {
@@ -154,8 +155,8 @@ pub(crate) fn own_file() -> Option<String> {
     Some(file.to_string_lossy().into_owned())
 }
 
-/// Root's rights to files, while the value exists, if the program has them: `rtapi_app` does, and lets
-/// its user have them for what its drivers need. Only for this thread.
+/// Root's rights to files, while the value exists, if the program has them: `rtapi_app` does, and
+/// lets its user have them for what its drivers need. Only for this thread.
 #[derive(Debug)]
 pub(crate) struct RootRights {
     user: c_uint,
@@ -193,8 +194,8 @@ impl Text {
         if text.is_null() {
             return None;
         }
-        // SAFETY: a pointer that is not null was stored by `rtapi_app`, from `strdup`: the text ends
-        // with NUL, and is never freed.
+        // SAFETY: a pointer that is not null was stored by `rtapi_app`, from `strdup`: the text
+        // ends with NUL, and is never freed.
         let text = unsafe { CStr::from_ptr(text) };
         Some(text.to_string_lossy().into_owned())
     }

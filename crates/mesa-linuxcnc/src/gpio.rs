@@ -1,5 +1,5 @@
-//! The I/O pins alone, for a thread that is faster than that of the cycle: the functions `read_gpio` and
-//! `write_gpio`, which hm2_pci has.
+//! The I/O pins alone, for a thread that is faster than that of the cycle: the functions
+//! `read_gpio` and `write_gpio`, which hm2_pci has.
 
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::hal::{Pins, Value};

@@ -1,7 +1,8 @@
-//! The interface of the boards: by the name of the file from which LinuxCNC has loaded the component.
+//! The interface of the boards: by the name of the file from which LinuxCNC has loaded the
+//! component.
 //!
-//! `mesa_eth.so` and `mesa_pci.so` are the same library. LinuxCNC does not pass the name, so that the
-//! component looks which file its own code was loaded from.
+//! `mesa_eth.so` and `mesa_pci.so` are the same library. LinuxCNC does not pass the name, so that
+//! the component looks which file its own code was loaded from.
 
 use core::ffi::CStr;
 use core::fmt;
@@ -51,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_file_of_the_code_names_the_interface() {
+    fn file_of_the_code_names_the_interface() {
         for (file, interface) in [
             ("/usr/lib/linuxcnc/modules/mesa_eth.so", Interface::Ethernet),
             ("/usr/lib/linuxcnc/modules/mesa_pci.so", Interface::Pci),

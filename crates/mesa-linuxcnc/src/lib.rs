@@ -8,10 +8,11 @@
 //! ```
 //!
 //! A copy of the library under the name `mesa_pci.so` is the component `mesa_pci`, in the place of
-//! `hm2_pci`: it drives the boards on the PCI bus, in the order of their addresses, each with its word
-//! of `config=`.
+//! `hm2_pci`: it drives the boards on the PCI bus, in the order of their addresses, each with its
+//! word of `config=`.
 //!
-//! [The page for LinuxCNC users](mesa_hal::guides::linuxcnc) describes what differs. From the outside in:
+//! [The page for LinuxCNC users](mesa_hal::guides::linuxcnc) describes what differs. From the
+//! outside in:
 //!
 //! | module | contains |
 //! |---|---|

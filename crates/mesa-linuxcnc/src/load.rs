@@ -229,7 +229,8 @@ fn report_remarks(driver: &BoardDriver, names: &Names) {
     }
 }
 
-/// What a remark means for components of LinuxCNC that call functions of hostmot2, as those for Modbus do.
+/// What a remark means for components of LinuxCNC that call functions of hostmot2, as those for
+/// Modbus do.
 fn of_components(remark: &Remark) -> &'static str {
     const CALLED: [Gtag; 5] = [
         Gtag::PACKET_UART_TX,

@@ -69,8 +69,8 @@ impl Log {
         self.put(now, Kind::of(level), level, line);
     }
 
-    /// As [`print`](Self::print), that something is not done that LinuxCNC's user has asked for. Faults
-    /// of the board do not use up the number of these messages.
+    /// As [`print`](Self::print), that something is not done that LinuxCNC's user has asked for.
+    /// Faults of the board do not use up the number of these messages.
     pub fn refuse(&mut self, now: Duration, text: fmt::Arguments<'_>) {
         let mut line = Line::of(&self.board);
         let _ = line.write_fmt(text);
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bad_hour_is_a_page_and_errors_are_counted_apart() {
+    fn bad_hour_is_a_page_and_errors_are_counted_apart() {
         let (mut log, heard) = log();
         for cycle in 0..3_600_000_u64 {
             let now = Duration::from_millis(cycle);
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_is_printed_after_any_number_of_errors() {
+    fn refusal_is_printed_after_any_number_of_errors() {
         let (mut log, heard) = log();
         for cycle in 0..100 {
             let now = Duration::from_millis(cycle);
@@ -250,7 +250,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_long_message_is_cut_between_characters(text in "\\PC{0,600}") {
+        fn long_message_is_cut_between_characters(text in "\\PC{0,600}") {
             let (mut log, heard) = log();
             log.print(Duration::ZERO, Level::Note, format_args!("{text}{text}"));
             let heard = heard.lock().expect("no panic");

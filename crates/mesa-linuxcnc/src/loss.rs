@@ -43,8 +43,8 @@ impl fmt::Display for LossReport {
 }
 
 impl Losses {
-    /// Counts a cycle; `total` is the number of losses so far. Returns a report when the share has become
-    /// too large, once until it has been small for a minute.
+    /// Counts a cycle; `total` is the number of losses so far. Returns a report when the share has
+    /// become too large, once until it has been small for a minute.
     ///
     /// # Real time
     /// A few steps.
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loss_of_5_percent_is_reported_once_within_3_seconds() {
+    fn loss_of_5_percent_is_reported_once_within_3_seconds() {
         for offset in [0, 1, 500, 999] {
             let (mut losses, mut total) = (Losses::default(), 0);
             assert_eq!(reports(&mut losses, &mut total, offset, u32::MAX), []);
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stall_or_a_packet_in_a_hundred_seconds_is_not_reported() {
+    fn stall_or_a_packet_in_a_hundred_seconds_is_not_reported() {
         let (mut losses, mut total) = (Losses::default(), 0);
         for _ in 0..100 {
             // 50 ms in which nothing comes.
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_reported_again_after_a_good_minute() {
+    fn packet_loss_is_reported_again_after_a_good_minute() {
         let (mut losses, mut total) = (Losses::default(), 0);
         for _ in 0..3 {
             assert_eq!(reports(&mut losses, &mut total, 5_000, 20).len(), 1);

@@ -1,9 +1,9 @@
 //! Pins and parameters in HAL's shared memory.
 //!
-//! The only place where pointers into that memory are followed. Other threads and processes read and
-//! write the same values, so each access is a single relaxed atomic load or store of the type that
-//! HAL has there; HAL itself promises no more. A pin is reached through its pointer in HAL's memory
-//! each time, because `net` and `unlinkp` turn the pointer to a signal and back at run time.
+//! The only place where pointers into that memory are followed. Other threads and processes read
+//! and write the same values, so each access is a single relaxed atomic load or store of the type
+//! that HAL has there; HAL itself promises no more. A pin is reached through its pointer in HAL's
+//! memory each time, because `net` and `unlinkp` turn the pointer to a signal and back at run time.
 
 #![expect(
     unsafe_code,
@@ -53,8 +53,8 @@ hal_value!(f64, AtomicU64, 2, f64::from_bits, f64::to_bits);
 hal_value!(i32, AtomicI32, 3, |bits| bits, |value| value);
 hal_value!(u32, AtomicU32, 4, |bits| bits, |value| value);
 
-/// A pin or parameter: a pointer in HAL's memory, to its value. The pointer of a parameter always leads to
-/// the same value.
+/// A pin or parameter: a pointer in HAL's memory, to its value. The pointer of a parameter always
+/// leads to the same value.
 #[derive(Debug)]
 struct HalPointer<T: HalValue>(NonNull<AtomicPtr<T::Cell>>);
 
@@ -63,11 +63,11 @@ impl<T: HalValue> HalPointer<T> {
         // SAFETY: the pointer was made from a slot of HAL's memory, which outlives this value (see
         // `HalMemory`), and is aligned there. HAL writes it as a whole.
         let pointer = unsafe { self.0.as_ref() }.load(Ordering::Relaxed);
-        // SAFETY: for a parameter, `HalMemory::add` has set the pointer, to another slot. For a pin,
-        // `hal_pin_new` has set it, and HAL sets it to nothing but a value of the pin's type in its
-        // memory: that of a signal, or the pin's own. A signal that was deleted leaves a place in HAL's
-        // memory, which is never unmapped before the component ends. Others access the value too, and so
-        // does this component by atomic operations only.
+        // SAFETY: for a parameter, `HalMemory::add` has set the pointer, to another slot. For a
+        // pin, `hal_pin_new` has set it, and HAL sets it to nothing but a value of the pin's type
+        // in its memory: that of a signal, or the pin's own. A signal that was deleted leaves a
+        // place in HAL's memory, which is never unmapped before the component ends. Others access
+        // the value too, and so does this component by atomic operations only.
         unsafe { &*pointer }
     }
 
@@ -197,8 +197,8 @@ impl HalMemory {
         let direction = direction(role);
         let result = if role.is_param() {
             let value = self.slots.take()?.cast::<c_void>().as_ptr();
-            // SAFETY: the slot is of HAL's memory, large enough and aligned for a pointer, and nothing
-            // else uses it yet.
+            // SAFETY: the slot is of HAL's memory, large enough and aligned for a pointer, and
+            // nothing else uses it yet.
             unsafe { pointer.write(value) };
             // SAFETY: the name ends with NUL, and HAL copies it. The slot is of HAL's memory, and
             // large enough and aligned for a value of any type.
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pin_follows_the_pointer_of_its_signal() {
+    fn pin_follows_the_pointer_of_its_signal() {
         let (own, signal) = (AtomicU32::new(1), AtomicU32::new(2));
         let pointer = pointer_to(&own);
         let pin = HalPointer::<u32>(NonNull::from(&pointer));
@@ -301,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bit_is_one_byte_and_any_other_than_0_is_on() {
+    fn bit_is_one_byte_and_any_other_than_0_is_on() {
         let bytes = [AtomicU8::new(7), AtomicU8::new(7)];
         let pointer = pointer_to(&bytes[0]);
         let bit = HalPointer::<bool>(NonNull::from(&pointer));

@@ -39,7 +39,8 @@ impl Outputs {
         }
     }
 
-    /// True while LinuxCNC has an axis or a spindle enabled. Never true for a board without enables.
+    /// True while LinuxCNC has an axis or a spindle enabled. Never true for a board without
+    /// enables.
     pub fn is_machine_on(&self, memory: &impl Memory) -> bool {
         self.enables.iter().any(|&index| memory.load(index) != 0)
     }
@@ -67,7 +68,7 @@ mod tests {
     /// Those of a 5I25 with a 7I77 and a 7I76, which LinuxCNC ties to `amp-enable-out` and
     /// `spindle.0.on`.
     #[test]
-    fn the_enables_are_those_of_axes_and_spindles() {
+    fn enables_are_those_of_axes_and_spindles() {
         let board = machines::eleven_axes_5i25(Motor::default(), Stepper::default());
         let driver = Driver::start(board, Settings::default()).expect("the machine is complete");
         let outputs = Outputs::new(&driver);

@@ -186,8 +186,8 @@ pub(crate) fn parse(
     }
 }
 
-/// Checks `board_rtnet=` and `firewall=`, which hm2_eth has for its network. Here the network is that of the
-/// kernel, and its firewall stays as it is.
+/// Checks `board_rtnet=` and `firewall=`, which hm2_eth has for its network. Here the network is
+/// that of the kernel, and its firewall stays as it is.
 fn check_network(networks: &[String], firewalls: &[String]) -> Result<(), WordError> {
     let is_posix = |word: &&String| word.is_empty() || *word == "posix";
     let other = |name, expected, word: &String| WordError::Value {
@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_names_the_word() {
+    fn error_names_the_word() {
         assert!(error(&[], &[]).starts_with("board_ip= is missing"));
         assert!(error(&["10.10.10"], &[]).starts_with("board_ip=10.10.10: not an IP address"));
         assert!(error(&["7i97"], &[]).contains("board_ip=7i97:"));

@@ -41,9 +41,9 @@ pub(crate) struct ArmRequest {
 /// - The first cycle, and a cleared `watchdog.has_bit` or `io_error`: everything.
 /// - A rising edge of `sserial.port-N.run`: the remotes of the port.
 /// - A rising edge of a pin `rearm`: that remote, or the board's own outputs.
-/// - The machine is switched on for the first time: everything that has failed before. Until then also a
-///   remote of which no output was ever on: a computer that is busy with the load of LinuxCNC must not
-///   leave a card off.
+/// - The machine is switched on for the first time: everything that has failed before. Until then
+///   also a remote of which no output was ever on: a computer that is busy with the load of
+///   LinuxCNC must not leave a card off.
 ///
 /// A remote that has failed alone and comes back is in none of these later, and stays safe.
 #[derive(Clone, Debug)]
@@ -132,7 +132,7 @@ mod tests {
     proptest! {
         /// Against the whole history, instead of the last state.
         #[test]
-        fn any_history_asks_for_what_its_edges_say(
+        fn rearm_requests_match_the_edges_of_any_history(
             ports in proptest::collection::vec(0..16_u64, 0..4),
             run: u8,
             history in proptest::collection::vec(cycle(), 1..40),

@@ -1,5 +1,5 @@
-//! Events in the words of LinuxCNC's users: the card by its name in HAL, what happened, and which pin
-//! to set.
+//! Events in the words of LinuxCNC's users: the card by its name in HAL, what happened, and which
+//! pin to set.
 
 use core::fmt;
 

@@ -10,9 +10,9 @@
 //! | property | RO | | to HAL | | to HAL |
 //! | kept in a remote | RW | | | requested, or back to HAL | |
 //!
-//! An input that is not valid keeps its last value. Where both sides have changed a value, the driver
-//! wins. Outputs are set anew in every cycle, because arming makes the driver forget what was set
-//! before.
+//! An input that is not valid keeps its last value. Where both sides have changed a value, the
+//! driver wins. Outputs are set anew in every cycle, because arming makes the driver forget what
+//! was set before.
 
 use mesa_hal::hal::{AnyValue, HalType, PinError, PinId, Pins, Role};
 
@@ -69,8 +69,8 @@ pub(crate) struct Table {
 }
 
 impl Table {
-    /// The table of all pins of a driver, in the order of [`Pins::ids`], which is also that of HAL's
-    /// values. HAL gets the values that the driver has now.
+    /// The table of all pins of a driver, in the order of [`Pins::ids`], which is also that of
+    /// HAL's values. HAL gets the values that the driver has now.
     pub fn new(pins: &Pins, memory: &mut impl Memory) -> Self {
         let mut table = Self::default();
         for (index, (id, info)) in pins.ids().zip(pins.infos()).enumerate() {
@@ -105,8 +105,8 @@ impl Table {
         table
     }
 
-    /// Takes a setting before `read` as well: what the user acknowledges by it are the faults before
-    /// that.
+    /// Takes a setting before `read` as well: what the user acknowledges by it are the faults
+    /// before that.
     pub fn acknowledge_by(&mut self, id: PinId) {
         let place = self.settings.iter().position(|one| one.entry.id == id);
         if let Some(place) = place {
@@ -261,8 +261,8 @@ impl Entry {
         memory.store(self.index as usize, self.of_hal(bits));
     }
 
-    /// The driver's bits as bits of HAL's type. Numbers of 64 bits, which HAL 2.9 does not have, are
-    /// limited to 32 bits: a counter stops at its largest value, and does not begin again.
+    /// The driver's bits as bits of HAL's type. Numbers of 64 bits, which HAL 2.9 does not have,
+    /// are limited to 32 bits: a counter stops at its largest value, and does not begin again.
     fn of_hal(&self, bits: u64) -> u64 {
         match self.hal_type {
             HalType::Bit | HalType::Float | HalType::S32 | HalType::U32 => bits,

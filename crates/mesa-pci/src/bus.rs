@@ -198,8 +198,8 @@ impl PciBus {
 }
 
 impl RegisterBus for PciBus {
-    /// For set-up: writes have arrived when it returns, at the cost of one more read if the list ends
-    /// with a write.
+    /// For set-up: writes have arrived when it returns, at the cost of one more read if the list
+    /// ends with a write.
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
         self.run_list(accesses, words, true).map(drop)
     }

@@ -85,7 +85,8 @@ pub enum PciOpenError {
         /// The program.
         holder: Holder,
     },
-    /// The kernel does not lock the file with the registers, so that two programs could drive the board.
+    /// The kernel does not lock the file with the registers, so that two programs could drive the
+    /// board.
     #[error("{address}: the kernel does not lock {}: {error}", path.display())]
     NotLocked {
         /// Address of the board.

@@ -2,8 +2,8 @@
 //!
 //! - [`search`] lists the boards that the kernel knows, below a root that is `/sys` on a computer
 //!   and another directory in tests.
-//! - [`PciDevice::open`] checks a board, locks it, and maps its registers. It refuses with the reason
-//!   and the [advice](mesa_wire::MesaError::advice).
+//! - [`PciDevice::open`] checks a board, locks it, and maps its registers. It refuses with the
+//!   reason and the [advice](mesa_wire::MesaError::advice).
 //! - [`PciBus`] is the [`RegisterBus`](mesa_wire::bus::RegisterBus) and
 //!   [`Clock`](mesa_wire::bus::Clock) of a driver.
 //! - [`simulated`] makes such a board from a file, for tests and for `mesa sim --pci`.
@@ -11,9 +11,9 @@
 //! # Order and arrival of writes
 //!
 //! The registers are mapped uncached. The processor and all bridges keep the order of accesses to
-//! one board, so that COMMAND never overtakes the data before it. A write is *posted*: the processor
-//! goes on before it has arrived, which is usually within 1 us. A read waits until all writes before
-//! it have arrived. So a read forces them, at its own cost of about 1 us:
+//! one board, so that COMMAND never overtakes the data before it. A write is *posted*: the
+//! processor goes on before it has arrived, which is usually within 1 us. A read waits until all
+//! writes before it have arrived. So a read forces them, at its own cost of about 1 us:
 //!
 //! | writes | forced by | cost |
 //! |---|---|---|
@@ -21,9 +21,9 @@
 //! | set-up that is written again in the cycle | the evidence that the same list reads | none |
 //! | outputs, watchdog and COMMAND of a cycle | the read of the next cycle | none |
 //!
-//! The last row is enough: the watchdog's time is several periods, and a remote's transfer starts when
-//! COMMAND arrives. [`Reply::certain`](mesa_wire::bus::Reply::certain) of a list that only writes is
-//! false, and that of the next list that reads is true.
+//! The last row is enough: the watchdog's time is several periods, and a remote's transfer starts
+//! when COMMAND arrives. [`Reply::certain`](mesa_wire::bus::Reply::certain) of a list that only
+//! writes is false, and that of the next list that reads is true.
 //!
 //! # A board that vanishes
 //!

@@ -132,7 +132,7 @@ mod tests {
                          3: OFDLCK ADVISORY  READ  -1 00:05:2066 0 EOF\n";
 
     #[test]
-    fn a_file_that_the_kernel_does_not_lock_is_refused() {
+    fn file_that_the_kernel_does_not_lock_is_refused() {
         use rustix::fs::{Mode, OFlags, open};
         // Of a file that is open for its place alone the kernel locks nothing.
         let file = open("/proc/self/exe", OFlags::PATH, Mode::empty()).expect("a file");
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn the_holder_of_a_lock_is_the_process_at_its_place() {
+    fn holder_of_a_lock_is_the_process_at_its_place() {
         assert_eq!(find_holder(LOCKS, "00:15:9371"), Some(902));
         assert_eq!(
             find_holder(LOCKS, "00:1a:1219"),
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_program_is_named_as_far_as_the_kernel_shows_it() {
+    fn program_is_named_as_far_as_the_kernel_shows_it() {
         let holder = |process, name: &str| Holder {
             process,
             name: name.to_owned(),

@@ -59,8 +59,8 @@ impl Mapping {
         if index >= self.len {
             return u32::MAX;
         }
-        // SAFETY: the index is within the mapping, which is valid and aligned until `drop`. A volatile
-        // access is made once and as written, also where another party changes the word.
+        // SAFETY: the index is within the mapping, which is valid and aligned until `drop`. A
+        // volatile access is made once and as written, also where another party changes the word.
         unsafe { self.words.add(index).read_volatile() }
     }
 
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_too_short_is_not_mapped() {
+    fn file_that_is_too_short_is_not_mapped() {
         let file = memory(0xFFFF);
         assert_eq!(Mapping::new(&file, 0x4000).err(), Some(Errno::INVAL));
         assert_eq!(Mapping::new(&file, 0).err(), Some(Errno::INVAL));

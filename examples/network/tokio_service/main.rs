@@ -1,5 +1,5 @@
-//! Tokio beside the thread of the cycle: a task serves the state of the machine, and takes commands,
-//! by lines of text over TCP. The cycle does not wait for it.
+//! Tokio beside the thread of the cycle: a task serves the state of the machine, and takes
+//! commands, by lines of text over TCP. The cycle does not wait for it.
 //!
 //! ```sh
 //! cargo run --example tokio_service                  # until Ctrl-C, or `quit` from a client

@@ -231,16 +231,16 @@ impl Exchanges {
 
     /// Writes the whole set-up again, with the present words of the settings, and reads all
     /// evidence after it. A set-up that is larger than a packet is written in parts, each after the
-    /// reply to the one before, and what drives pins with the last. If the evidence matches, the caller
-    /// calls [`Words::all_set`].
+    /// reply to the one before, and what drives pins with the last. If the evidence matches, the
+    /// caller calls [`Words::all_set`].
     pub fn set_up<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), BusError> {
         run_all(bus, words, &self.lists.set_up)
     }
 
-    /// As [`set_up`](Self::set_up), for a board that still has its set-up: settings that were lost are
-    /// written, and outputs get their safe words, but no pin is let go of meanwhile. The select line of
-    /// multiplexed encoders is one of them. The watchdog is left alone, so that the evidence, which is
-    /// read behind it, still shows a bite or a reset of any moment before.
+    /// As [`set_up`](Self::set_up), for a board that still has its set-up: settings that were lost
+    /// are written, and outputs get their safe words, but no pin is let go of meanwhile. The select
+    /// line of multiplexed encoders is one of them. The watchdog is left alone, so that the
+    /// evidence, which is read behind it, still shows a bite or a reset of any moment before.
     pub fn renew<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), BusError> {
         run_all(bus, words, &self.lists.renewal)
     }

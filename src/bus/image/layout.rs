@@ -13,9 +13,9 @@ use crate::bus::{Access, AccessList, BusError, BusErrorKind, Direction, Hold, Re
 /// Ethernet an additional register costs four bytes, and so does a command.
 const BRIDGE: u16 = 1;
 
-/// Prepares lists that write `all` in this order, in as few packets as the bus needs. Each but the last
-/// one ends with the reads `ack`, whose reply shows that it was executed before the next one is sent;
-/// the last one ends with the reads `end`.
+/// Prepares lists that write `all` in this order, in as few packets as the bus needs. Each but the
+/// last one ends with the reads `ack`, whose reply shows that it was executed before the next one
+/// is sent; the last one ends with the reads `end`.
 fn prepare_parts<B: RegisterBus>(
     bus: &mut B,
     all: &[Access],
@@ -108,8 +108,8 @@ impl ImagePlan {
         Ok((exchanges, words))
     }
 
-    /// The accesses of the steps in their order. Appends the words of the steps that have no other place
-    /// to `content`.
+    /// The accesses of the steps in their order. Appends the words of the steps that have no other
+    /// place to `content`.
     fn step_accesses(&self, first_setting: u16, content: &mut Vec<u32>) -> StepAccesses {
         let first_safe = first_setting.saturating_add(self.settings.len() as u16);
         let mut accesses = StepAccesses::default();
@@ -146,8 +146,8 @@ impl ImagePlan {
 #[derive(Default)]
 struct StepAccesses {
     all: Vec<Access>,
-    /// All but those that let go of pins which a later stage drives, and those of the watchdog, which would
-    /// hide that it has bitten.
+    /// All but those that let go of pins which a later stage drives, and those of the watchdog,
+    /// which would hide that it has bitten.
     renewal: Vec<Access>,
     /// Those of the first stage.
     quiesce: Vec<Access>,

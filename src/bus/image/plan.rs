@@ -234,8 +234,8 @@ impl ImagePlan {
         setting
     }
 
-    /// Changes the word of a setting before the cycle begins, in the set-up as well. The board is not
-    /// written.
+    /// Changes the word of a setting before the cycle begins, in the set-up as well. The board is
+    /// not written.
     pub(crate) fn change(&mut self, setting: Setting, word: u32) {
         if let Some(register) = self.settings.get_mut(usize::from(setting.0)) {
             register.word = word;

@@ -100,7 +100,7 @@ fn written(image: &mut Image, bus: &mut Memory) -> Vec<(u16, u32)> {
 }
 
 #[test]
-fn neighbouring_registers_share_an_access_and_the_trigger_comes_last() {
+fn neighbour_registers_share_an_access_and_the_trigger_is_last() {
     let mut plan = ImagePlan::default();
     let doit = plan.write(Phase::Trigger, 0x5A00, 0x8000_0000);
     let command = plan.read(Phase::Status, 0x5A00);
@@ -130,7 +130,7 @@ fn neighbouring_registers_share_an_access_and_the_trigger_comes_last() {
 }
 
 #[test]
-fn a_paced_cycle_is_one_list_and_settings_go_ahead_of_it_with_all_writes() {
+fn paced_cycle_is_one_list_and_settings_precede_it_with_writes() {
     let mut plan = ImagePlan::default();
     let out = plan.write(Phase::Data, 0x4000, 1);
     let setting = plan.setting(Stage::Configure, 0x4100, 5);
@@ -171,7 +171,7 @@ fn a_paced_cycle_is_one_list_and_settings_go_ahead_of_it_with_all_writes() {
 }
 
 #[test]
-fn extra_registers_are_only_read_when_they_are_asked_for_and_evidence_comes_last() {
+fn extra_registers_are_read_only_on_request_and_evidence_last() {
     let mut plan = ImagePlan::default();
     plan.read(Phase::Evidence, 0x0C00);
     plan.read_extra(Phase::Evidence, 0x1100);
@@ -198,7 +198,7 @@ fn extra_registers_are_only_read_when_they_are_asked_for_and_evidence_comes_last
 }
 
 #[test]
-fn a_setting_is_written_when_it_changes_and_again_while_it_may_be_lost_or_undone() {
+fn setting_is_written_on_change_and_again_while_it_may_be_lost() {
     let mut plan = ImagePlan::default();
     plan.write(Phase::Data, 0x4000, 1);
     let setting = plan.setting(Stage::Configure, 0x4104, 9);
@@ -232,7 +232,7 @@ fn a_setting_is_written_when_it_changes_and_again_while_it_may_be_lost_or_undone
 }
 
 #[test]
-fn the_set_up_is_written_stage_by_stage_with_the_words_of_now_and_the_evidence_after_it() {
+fn set_up_is_written_in_stages_with_current_words_then_evidence() {
     let mut plan = ImagePlan::default();
     let enable = plan.setting(Stage::Enable, 0x7D00, 3);
     let drive = plan.drive(0x1100, 0xF0);
@@ -300,20 +300,20 @@ fn after_a_mistake(mistake: fn(&mut Words)) -> Vec<(u16, u32)> {
     debug_assertions,
     should_panic(expected = "a setting of another image")
 )]
-fn a_setting_of_another_image_changes_no_safe_word() {
+fn setting_of_another_image_changes_no_safe_word() {
     let written = after_a_mistake(|words| words.set(Setting(0), 5));
     assert_eq!(written, [(0x4000, 7), (0x4100, 8)]);
 }
 
 #[test]
 #[cfg_attr(debug_assertions, should_panic(expected = "a slot of another image"))]
-fn a_safe_word_of_another_image_changes_no_step() {
+fn safe_word_of_another_image_changes_no_step() {
     let written = after_a_mistake(|words| words.put_safe(WriteSlot(1), 5));
     assert_eq!(written, [(0x4000, 7), (0x4100, 8)]);
 }
 
 #[test]
-fn what_drives_a_pin_is_written_alone_after_all_it_depends_on_until_the_board_shows_it() {
+fn pin_drive_is_written_alone_after_dependencies_until_shown() {
     let mut plan = ImagePlan::default();
     plan.write(Phase::First, 0x0E00, 0x5A);
     plan.output(0x1000, 0);
@@ -361,7 +361,7 @@ fn what_drives_a_pin_is_written_alone_after_all_it_depends_on_until_the_board_sh
 }
 
 #[test]
-fn what_comes_late_after_the_set_up_does_not_undo_a_setting() {
+fn late_write_after_the_set_up_does_not_undo_a_setting() {
     let mut plan = ImagePlan::default();
     let invert = plan.setting(Stage::Configure, 0x1400, 0);
     let direction = plan.setting(Stage::Drive, 0x1100, 0);
@@ -422,7 +422,7 @@ fn small_gaps_of_reads_are_bridged_and_those_of_writes_never() {
 }
 
 #[test]
-fn what_can_not_be_planned_is_refused_with_the_register_at_fault() {
+fn impossible_plan_is_refused_with_the_register_at_fault() {
     let refused = |register: fn(&mut ImagePlan)| {
         let mut plan = ImagePlan::default();
         register(&mut plan);

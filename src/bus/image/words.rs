@@ -213,7 +213,8 @@ impl Words {
         self.is_asked(setting.0, WriteKind::Cycle)
     }
 
-    /// True if a setting was, or may have been, written after the last but one reply that was processed.
+    /// True if a setting was, or may have been, written after the last but one reply that was
+    /// processed.
     pub(crate) fn is_unseen(&self, setting: Setting) -> bool {
         let state = self.settings.get(usize::from(setting.0));
         state.is_some_and(|state| match state.progress {

@@ -42,8 +42,8 @@ impl Order {
 /// An exchange with the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::driver) enum Exchange {
-    /// The read of a cycle; `extra`: with the extra evidence registers, unless it has been requested
-    /// ahead.
+    /// The read of a cycle; `extra`: with the extra evidence registers, unless it has been
+    /// requested ahead.
     Read { extra: bool },
     /// The write of a cycle.
     Write(CycleWrite),

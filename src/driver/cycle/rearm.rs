@@ -21,8 +21,8 @@ impl BoardCycle {
         self.rearmed(now, armed, is_news)
     }
 
-    /// Arms all groups that run, and the others as soon as they do. A board that has lost its set-up
-    /// gets it back with one of the next writes.
+    /// Arms all groups that run, and the others as soon as they do. A board that has lost its
+    /// set-up gets it back with one of the next writes.
     pub fn rearm_when_running(&mut self, now: Instant) -> Rearmed {
         let when = self.condition();
         let mut armed = 0;
@@ -79,8 +79,8 @@ impl BoardCycle {
         ports.any(|port| port.is_off(&self.pins, group))
     }
 
-    /// Cancels the arming of groups that do not run, because of a fault: of all that are awaited, or
-    /// of all but those that wait for the board's set-up.
+    /// Cancels the arming of groups that do not run, because of a fault: of all that are awaited,
+    /// or of all but those that wait for the board's set-up.
     pub(super) fn cancel_rearm(&mut self, now: Instant, all: bool) {
         let event = if all {
             ArmingEvent::Cancel

@@ -162,7 +162,8 @@ impl BoardCycle {
         }
     }
 
-    /// True if the board still has its set-up, as its evidence has just shown: only the bus was down.
+    /// True if the board still has its set-up, as its evidence has just shown: only the bus was
+    /// down.
     fn is_standing(&self) -> bool {
         self.state == BoardState::BusDown && self.outage.has_kept_set_up()
     }

@@ -120,7 +120,7 @@ fn usual(orders: &[Exchange]) -> bool {
 }
 
 #[test]
-fn a_usual_cycle_is_one_read_and_one_write() {
+fn usual_cycle_is_one_read_and_one_write() {
     let mut bench = Bench::new();
     for n in 0..10 {
         let report = bench.read(Reply::CERTAIN).expect("a board");
@@ -138,7 +138,7 @@ fn a_usual_cycle_is_one_read_and_one_write() {
 }
 
 #[test]
-fn a_bite_is_kept_quiet_until_it_is_cleared() {
+fn bite_is_kept_quiet_until_it_is_cleared() {
     let mut bench = Bench::new();
     bench.show(WATCHDOG_STATUS, 1);
     bench.show(WATCHDOG_TIME, u32::MAX);
@@ -158,7 +158,7 @@ fn a_bite_is_kept_quiet_until_it_is_cleared() {
 }
 
 #[test]
-fn a_set_up_that_a_pin_asks_for_leaves_time_for_late_packets() {
+fn set_up_that_a_pin_asks_for_leaves_time_for_late_packets() {
     // The writes between the fault and the pin, and those after it without a set-up.
     for (before, after) in [(0, 4), (1, 3), (4, 0), (9, 0)] {
         let mut bench = Bench::new();
@@ -213,7 +213,7 @@ fn flag_that_is_set_again_withdraws_the_set_up() {
 }
 
 #[test]
-fn settings_that_drive_pins_go_between_two_looks_and_a_reset_before_them_ends_the_write() {
+fn pin_settings_go_between_two_reads_and_a_reset_ends_the_write() {
     let mut bench = Bench::new();
     let pins = bench.driver.pins();
     let is_direction = |name: &str| name.ends_with(".is_output");
@@ -242,7 +242,7 @@ fn settings_that_drive_pins_go_between_two_looks_and_a_reset_before_them_ends_th
 }
 
 #[test]
-fn a_bus_that_fails_is_down_at_the_limit_and_another_board_is_none() {
+fn failing_bus_is_down_at_the_limit_another_board_is_refused() {
     let mut bench = Bench::new();
     let limit = Settings::default().bus_error_limit;
     for n in 1..=limit {

@@ -8,8 +8,8 @@ use crate::modules::{Module, WriteCycle};
 use crate::tally::Tally;
 
 impl BoardCycle {
-    /// Begins a write. A failed exchange before the last one is repeated with the next write; this one
-    /// continues without it.
+    /// Begins a write. A failed exchange before the last one is repeated with the next write; this
+    /// one continues without it.
     pub fn begin_write(&mut self, now: Instant) -> Next {
         self.statistics.writes.tally(1);
         self.count_write(now);
@@ -40,8 +40,8 @@ impl BoardCycle {
         }
     }
 
-    /// Takes whether the application has cleared the flag of the fault that made everything safe, and
-    /// thereby asks for the set-up; setting the flag again withdraws that.
+    /// Takes whether the application has cleared the flag of the fault that made everything safe,
+    /// and thereby asks for the set-up; setting the flag again withdraws that.
     fn fetch_flags(&mut self) {
         // A flag that does not show the present fault yet was not cleared.
         if self.is_running() || self.shown != Some(self.state) {

@@ -144,9 +144,9 @@ impl<C: FlashChip> Flash<C> {
     ///
     /// # Errors
     /// Errors of [`check_backup`](Self::check_backup), for the boot block errors of
-    /// [`check_backup_boot_block`](Self::check_backup_boot_block), [`EthernetError::NoFallback`] for
-    /// the user area while the chip has no fallback, [`EthernetError::NoUserConfiguration`] for the
-    /// fallback or the boot block while it has no user configuration, and errors of the bus.
+    /// [`check_backup_boot_block`](Self::check_backup_boot_block), [`EthernetError::NoFallback`]
+    /// for the user area while the chip has no fallback, [`EthernetError::NoUserConfiguration`] for
+    /// the fallback or the boot block while it has no user configuration, and errors of the bus.
     pub fn check_restore(
         &mut self,
         backup: &[u8],

@@ -30,8 +30,8 @@ const IS_BUSY: u8 = 1;
 
 /// The flash chip of a board on the PCI bus, behind two registers of its FPGA.
 ///
-/// The accesses are those of mesaflash. Each byte takes three of them, two of which read: about 2 us
-/// on the bus, and what the chip needs.
+/// The accesses are those of mesaflash. Each byte takes three of them, two of which read: about 2
+/// us on the bus, and what the chip needs.
 #[derive(Debug)]
 pub struct SpiFlash<'a, B> {
     bus: &'a mut B,

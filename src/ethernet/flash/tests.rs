@@ -132,7 +132,7 @@ fn bitfile(configuration: &[u8]) -> Bitfile<'_> {
 
 /// mesaflash compares its whole last page when it verifies.
 #[test]
-fn the_last_page_ends_as_mesaflash_leaves_it() {
+fn last_page_ends_as_mesaflash_leaves_it() {
     for len in [340_604, 340_480, 10_000, 8_192 + 100, 1_000] {
         let (mut chip, data) = (Chip::new(), configuration(len));
         let mut flash = open(&mut chip).expect("a 7I97");
@@ -151,7 +151,7 @@ fn the_last_page_ends_as_mesaflash_leaves_it() {
 }
 
 #[test]
-fn a_configuration_is_written_verified_and_touches_its_own_area_only() {
+fn configuration_is_written_and_verified_in_its_own_area_only() {
     let mut chip = Chip::new();
     chip.bytes[0x10_0000..0x16_0000].fill(0x00);
     chip.bytes[0x16_0000] = 0x12;
@@ -184,7 +184,7 @@ fn a_configuration_is_written_verified_and_touches_its_own_area_only() {
 }
 
 #[test]
-fn nothing_is_erased_for_a_file_that_does_not_fit_the_board() {
+fn no_sector_is_erased_for_a_file_that_does_not_fit_the_board() {
     let mut chip = Chip::new();
     let large = configuration(0x6_0001);
     let small = configuration(100);
@@ -217,7 +217,7 @@ fn nothing_is_erased_for_a_file_that_does_not_fit_the_board() {
 }
 
 #[test]
-fn a_missing_boot_block_and_a_wrong_chip_are_said_first() {
+fn missing_boot_block_and_wrong_chip_are_reported_first() {
     let mut chip = Chip::new();
     chip.bytes[..PAGE].fill(0xFF);
     let data = configuration(100);
@@ -237,7 +237,7 @@ fn a_missing_boot_block_and_a_wrong_chip_are_said_first() {
 }
 
 #[test]
-fn a_boot_block_that_mesaflash_refuses_is_refused_until_it_is_written() {
+fn boot_block_that_mesaflash_refuses_is_refused_until_rewritten() {
     let data = configuration(100);
     for (at, byte) in [(0, 0x55), (25, 0x08), (63, 0x01)] {
         let mut chip = Chip::new();
@@ -266,7 +266,7 @@ fn a_boot_block_that_mesaflash_refuses_is_refused_until_it_is_written() {
 }
 
 #[test]
-fn a_multiboot_file_is_refused_before_anything_is_erased() {
+fn multiboot_file_is_refused_before_anything_is_erased() {
     let mut chip = Chip::new();
     let mut data = FlashLayout::I7I97.boot_page().to_vec();
     data.extend(configuration(1000));
@@ -290,7 +290,7 @@ fn a_multiboot_file_is_refused_before_anything_is_erased() {
 }
 
 #[test]
-fn a_configuration_goes_where_configurations_are_and_nowhere_else() {
+fn configuration_goes_where_configurations_are_and_nowhere_else() {
     let data = configuration(100);
     for area in [Area::BootBlock, Area::Application, Area::Whole] {
         let mut chip = Chip::new();
@@ -302,7 +302,7 @@ fn a_configuration_goes_where_configurations_are_and_nowhere_else() {
 }
 
 #[test]
-fn the_fallback_is_written_only_where_a_boot_block_leads_to_a_user_configuration() {
+fn fallback_needs_a_boot_block_and_a_user_configuration() {
     let data = configuration(1000);
     let mut chip = Chip::new();
     let program = |chip: &mut Chip, area| {
@@ -342,7 +342,7 @@ fn the_fallback_is_written_only_where_a_boot_block_leads_to_a_user_configuration
 }
 
 #[test]
-fn the_user_configuration_is_written_only_beside_a_fallback_unless_that_is_allowed() {
+fn user_configuration_needs_a_fallback_unless_allowed_without() {
     let data = configuration(1000);
     let mut chip = Chip::new();
     chip.bytes[0x1_0000..][..PAGE].fill(0xFF);
@@ -396,7 +396,7 @@ fn layouts_are_those_of_the_boards_that_are_known() {
 }
 
 #[test]
-fn the_whole_chip_is_not_a_name_for_a_part_of_it() {
+fn whole_chip_is_not_a_name_for_a_part_of_it() {
     let mut chip = Chip::new();
     let mut flash = open(&mut chip).unwrap();
     for (address, bytes) in [(0, 100), (0x1_0000, 100), (0x1_0000, 0x1F_0000)] {
@@ -417,7 +417,7 @@ fn the_whole_chip_is_not_a_name_for_a_part_of_it() {
 }
 
 #[test]
-fn a_write_begins_a_sector() {
+fn write_begins_a_sector() {
     let mut chip = Chip::new();
     let mut flash = open(&mut chip).unwrap();
     let error = flash
@@ -434,7 +434,7 @@ fn a_write_begins_a_sector() {
 }
 
 #[test]
-fn what_was_not_parsed_is_checked_before_anything_is_erased_too() {
+fn unparsed_configuration_is_checked_before_anything_is_erased() {
     let mut chip = Chip::new();
     let mut flash = open(&mut chip).unwrap();
     let error = flash
@@ -446,7 +446,7 @@ fn what_was_not_parsed_is_checked_before_anything_is_erased_too() {
 }
 
 #[test]
-fn a_bit_that_can_not_be_written_is_found() {
+fn bit_that_can_not_be_written_is_found() {
     let mut chip = Chip::new();
     chip.stuck = Some(0x10_0102);
     let data = vec![0; 600];

@@ -50,7 +50,7 @@ pub fn remote_with(change: impl FnOnce(&mut PinMaker<'_>, Spec, Spec) -> (Spec, 
 }
 
 #[test]
-fn an_input_is_valid_from_its_first_good_transfer_and_ages_after_a_failed_one() {
+fn input_is_valid_from_a_good_transfer_and_ages_on_failure() {
     let Remote {
         mut pins,
         group,
@@ -79,7 +79,7 @@ fn an_input_is_valid_from_its_first_good_transfer_and_ages_after_a_failed_one() 
 }
 
 #[test]
-fn after_a_fault_outputs_are_safe_until_rearmed_and_old_commands_do_not_come_back() {
+fn faulted_outputs_are_safe_until_rearmed_and_old_commands_gone() {
     let Remote {
         mut pins,
         group,
@@ -129,7 +129,7 @@ fn after_a_fault_outputs_are_safe_until_rearmed_and_old_commands_do_not_come_bac
 }
 
 #[test]
-fn a_driver_switch_outlives_faults() {
+fn driver_switch_outlives_faults() {
     let mut pins = PinStore::default();
     let group = pins.add_group();
     let run = maker(&mut pins, group).switch("run", true).unwrap();
@@ -140,7 +140,7 @@ fn a_driver_switch_outlives_faults() {
 }
 
 #[test]
-fn a_pin_of_both_sides_is_set_by_one_and_cleared_by_the_other() {
+fn pin_of_both_sides_is_set_by_one_and_cleared_by_the_other() {
     let mut pins = PinStore::default();
     let group = pins.add_group();
     let index: InOut<bool> = maker(&mut pins, group).inout("index-enable").unwrap();
@@ -153,7 +153,7 @@ fn a_pin_of_both_sides_is_set_by_one_and_cleared_by_the_other() {
 }
 
 #[test]
-fn a_number_that_is_none_is_not_published() {
+fn number_that_is_none_is_not_published() {
     let mut pins = PinStore::default();
     let group = pins.add_group();
     let volts = maker(&mut pins, group).input::<f64>("volts").unwrap();
@@ -169,7 +169,7 @@ fn a_number_that_is_none_is_not_published() {
 }
 
 #[test]
-fn a_handle_of_another_store_reads_nothing_sets_nothing_and_is_counted() {
+fn foreign_handle_reads_nothing_sets_nothing_and_is_counted() {
     let mut a = remote();
     let mut b = remote();
     a.pins.begin_cycle(at(1));
@@ -232,7 +232,7 @@ fn names_are_checked() {
 }
 
 #[test]
-fn the_version_of_outputs_stays_only_while_nothing_they_depend_on_changes() {
+fn output_version_stays_only_while_its_dependencies_do() {
     let mut pins = PinStore::default();
     let (group, other) = (pins.add_group(), pins.add_group());
     let mut make = maker(&mut pins, group);
@@ -279,7 +279,7 @@ fn the_version_of_outputs_stays_only_while_nothing_they_depend_on_changes() {
 }
 
 #[test]
-fn a_part_notices_its_own_changes_and_fails_with_its_group() {
+fn part_notices_its_own_changes_and_fails_with_its_group() {
     let mut m = remote();
     let part = m.pins.add_part(m.group).unwrap();
     let spec = Spec {

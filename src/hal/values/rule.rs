@@ -4,8 +4,8 @@ use super::enabling::Enabling;
 use super::slot::{NONE, PinSlot};
 use crate::hal::{AnyValue, Rejection, Rejections, Value};
 
-/// Permitted values of a pin, and counts of the values that were not permitted. Outputs have one, and
-/// real numbers, which can be NaN; other inputs and parameters have none.
+/// Permitted values of a pin, and counts of the values that were not permitted. Outputs have one,
+/// and real numbers, which can be NaN; other inputs and parameters have none.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rule {
     pub safe: u64,

@@ -28,8 +28,8 @@ pub(super) struct PinSlot {
 }
 
 impl PinSlot {
-    /// Takes a value of the driver. One that is not finite is not taken: the pin keeps its last value,
-    /// and is not valid. Returns true if the value was taken.
+    /// Takes a value of the driver. One that is not finite is not taken: the pin keeps its last
+    /// value, and is not valid. Returns true if the value was taken.
     #[inline]
     pub fn accept(&mut self, value: AnyValue) -> bool {
         self.bad = !value.is_finite();

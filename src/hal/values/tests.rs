@@ -7,7 +7,7 @@ use crate::hal::{FullScale, Invert, Output, Param, Spec};
 use proptest::prelude::*;
 
 #[test]
-fn not_finite_becomes_safe_and_out_of_range_the_limit_and_both_are_counted() {
+fn non_finite_is_safe_out_of_range_is_limited_and_both_counted() {
     let Remote {
         mut pins, drive, ..
     } = remote();
@@ -73,7 +73,7 @@ fn limit_parameters_narrow_an_output_but_never_widen_it() {
 }
 
 #[test]
-fn an_inverted_output_is_inverted_when_safe_too() {
+fn inverted_output_is_inverted_when_safe_too() {
     let mut param = Param::default();
     let Remote {
         mut pins,
@@ -99,7 +99,7 @@ fn an_inverted_output_is_inverted_when_safe_too() {
 }
 
 #[test]
-fn a_pin_inverts_an_output_like_a_parameter() {
+fn pin_inverts_an_output_like_a_parameter() {
     let mut invert = Output::default();
     let mut m = remote_with(|make, lamp, drive| {
         invert = make.switch("invert-00", false).unwrap();
@@ -137,7 +137,7 @@ fn wire(scale: Param<f64>, min: f64, max: f64) -> FullScale {
 }
 
 #[test]
-fn a_scaled_output_goes_out_within_the_range_of_the_wire_and_what_does_not_fit_is_counted_once() {
+fn scaled_output_stays_in_the_wire_range_and_excess_counts_once() {
     let (mut m, scale) = scaled(5.0);
     for (set, expected) in [(5.0, 1.0), (-2.5, -0.5), (6.0, 1.0), (-11.0, -1.0)] {
         m.pins.set(m.drive, set);
@@ -155,7 +155,7 @@ fn a_scaled_output_goes_out_within_the_range_of_the_wire_and_what_does_not_fit_i
 }
 
 #[test]
-fn a_scale_that_makes_no_number_makes_the_safe_value_and_is_counted() {
+fn scale_giving_no_number_makes_the_safe_value_and_is_counted() {
     let (mut m, scale) = scaled(0.0);
     for (set, scale_is) in [(5.0, 0.0), (0.0, 0.0), (5.0, -0.0), (5.0, 1e-320)] {
         m.pins.set_param(scale, scale_is).unwrap();
@@ -186,7 +186,7 @@ fn only_a_real_number_has_a_full_scale() {
 
 proptest! {
     #[test]
-    fn an_output_is_always_finite_and_within_its_limits(
+    fn output_is_always_finite_and_within_its_limits(
         value in any::<f64>(), maxlim in any::<f64>(), minlim in any::<f64>(),
     ) {
         let (remote, max, min) = limited();

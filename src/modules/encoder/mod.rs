@@ -275,8 +275,8 @@ impl Encoder {
         }
     }
 
-    /// Takes a sample, and publishes the reading if it has changed. Returns true if a position that the
-    /// application had is lost.
+    /// Takes a sample, and publishes the reading if it has changed. Returns true if a position that
+    /// the application had is lost.
     fn read(&mut self, pins: &mut PinStore, sample: EncoderSample) -> bool {
         self.rests = self.state.rests(&sample);
         if self.rests {
@@ -309,8 +309,8 @@ impl Encoder {
     }
 }
 
-/// The rate of the settings, or else that of the board's table or of LinuxCNC, which rounds it up to
-/// the next one that the clock can be divided to.
+/// The rate of the settings, or else that of the board's table or of LinuxCNC, which rounds it up
+/// to the next one that the clock can be divided to.
 fn rate_of_setup(r: &Registrar<'_>, module: &ModuleDescriptor) -> Result<TickRate, RegisterError> {
     let is_muxed = module.gtag == Gtag::MUXED_ENCODER;
     let of_linuxcnc = |hz: u32| {

@@ -26,8 +26,8 @@ pub struct EncoderPins {
     pub velocity: Input<f64>,
     /// Units of position per minute.
     pub velocity_rpm: Input<f64>,
-    /// While true, an index that `index-enable` has asked for latches the count as a probe does, and
-    /// leaves `count` as it is.
+    /// While true, an index that `index-enable` has asked for latches the count as a probe does,
+    /// and leaves `count` as it is.
     pub no_clear_on_index: Output<bool>,
     /// While true, each edge of the probe latches the count. In firmware without a probe nothing is
     /// latched, and each cycle in which the pin is true is counted as a refused value.

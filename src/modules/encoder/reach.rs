@@ -1,10 +1,10 @@
 //! How far an encoder can have moved while it was not read.
 //!
 //! Outputs keep their last values while nothing is written: a drive goes on with its last speed, or
-//! with its last force. So the encoder goes on with its last speed and acceleration. They are those of
-//! the last [`SPAN`] and the one before, from counts, because single edges dither; and those of the last
-//! read where the encoder has just begun to move. The margin is half as much again, and [`STRAY`] for an
-//! axis that stood still.
+//! with its last force. So the encoder goes on with its last speed and acceleration. They are those
+//! of the last [`SPAN`] and the one before, from counts, because single edges dither; and those of
+//! the last read where the encoder has just begun to move. The margin is half as much again, and
+//! [`STRAY`] for an axis that stood still.
 
 use crate::bus::Instant;
 
@@ -106,8 +106,8 @@ fn speed(from: Mark, to: Mark) -> (f64, f64) {
 mod tests {
     use super::*;
 
-    /// The reach of an encoder that has run by this motion, in counts at a time in seconds, for half a
-    /// second with a read in each millisecond.
+    /// The reach of an encoder that has run by this motion, in counts at a time in seconds, for
+    /// half a second with a read in each millisecond.
     fn reach(motion: impl Fn(f64) -> f64, seconds: f64) -> f64 {
         let at = |ms: u64| Instant::from_nanos(ms * 1_000_000);
         let count = |ms: u64| motion(ms as f64 / 1e3) as i64;
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_goes_on_with_its_speed_and_acceleration() {
+    fn axis_goes_on_with_its_speed_and_acceleration() {
         for way in [1.0, -1.0] {
             for (speed, acceleration) in [(20_000.0, 0.0), (0.0, 100_000.0), (8_000.0, 1e6)] {
                 let motion = |t: f64| way * (speed * t + 0.5 * acceleration * t * t);
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_that_has_just_begun_to_move_goes_on_faster() {
+    fn axis_that_has_just_begun_to_move_goes_on_faster() {
         for begun in [0.495, 0.490, 0.480, 0.470, 0.440] {
             let motion = |t: f64| 0.5 * 1e7 * (t - begun).max(0.0) * (t - begun).max(0.0);
             for gap in [0.01, 0.05, 0.3] {
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_that_dithers_stays_within_the_stray_counts() {
+    fn axis_that_dithers_stays_within_the_stray_counts() {
         let far = reach(|t| ((t * 731.0) as i64 % 3) as f64, 5.0);
         assert!(far < 6.0 * STRAY, "{far}");
     }

@@ -70,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_skew_is_the_nearest_number_of_clocks_in_the_top_bits() {
+    fn skew_is_the_nearest_number_of_clocks_in_the_top_bits() {
         let clock = 100_000_000;
         for (ns, word) in [
             (0, 0),

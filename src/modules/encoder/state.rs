@@ -86,14 +86,14 @@ pub struct EncoderReading {
     /// detection is turned off.
     pub quadrature_error: bool,
     /// `count` may be wrong, for one of these reasons:
-    /// - The board was reset or lost its power; or its watchdog has bitten, and its registers do not
-    ///   show that it was not reset before.
-    /// - The encoder is multiplexed, and its select line was released: by a bite, by the set-up that
-    ///   follows one, or by an exchange in doubt within 100 reads after that. `count` is then the best
-    ///   estimate.
+    /// - The board was reset or lost its power; or its watchdog has bitten, and its registers do
+    ///   not show that it was not reset before.
+    /// - The encoder is multiplexed, and its select line was released: by a bite, by the set-up
+    ///   that follows one, or by an exchange in doubt within 100 reads after that. `count` is then
+    ///   the best estimate.
     /// - In the time between two reads it can have moved by 32768 counts or more: with half as much
-    ///   again as its last speed and acceleration, and 1000 counts a second. If its last edge is still
-    ///   the same, it has not moved.
+    ///   again as its last speed and acceleration, and 1000 counts a second. If its last edge is
+    ///   still the same, it has not moved.
     /// - The encoder was near the highest rate that can be followed, and seemed to stop from one
     ///   read to the next, as it does beyond that rate.
     ///
@@ -113,8 +113,8 @@ pub struct EncoderReading {
 /// [`control`](Self::control) for the word to write.
 ///
 /// The counter in the FPGA has 16 bits: if the encoder moves 32768 counts or more between two
-/// reads, counts are wrong. [`EncoderReading::is_unsure`] indicates that this may have happened. The
-/// counter runs on through every fault but a reset, and is never written.
+/// reads, counts are wrong. [`EncoderReading::is_unsure`] indicates that this may have happened.
+/// The counter runs on through every fault but a reset, and is never written.
 ///
 /// # Real time
 /// Constant time, no allocation.
@@ -248,8 +248,9 @@ impl EncoderState {
         self.latch.request(command.request);
     }
 
-    /// Follows the counter of a board that is not set up, as long as it was not reset. `is_unseen`: the mode
-    /// was written after the last good read, so that a board that was reset before has it as well.
+    /// Follows the counter of a board that is not set up, as long as it was not reset. `is_unseen`:
+    /// the mode was written after the last good read, so that a board that was reset before has it
+    /// as well.
     pub fn run_on(&mut self, sample: EncoderSample, outage: &Outage, is_unseen: bool) {
         let Some((last, ticks)) = self.last else {
             return;
@@ -377,7 +378,8 @@ impl EncoderState {
         }
         let gap = gap.as_secs_f64();
         let farthest = self.reach.farthest(gap);
-        // A counter that was reset between the last look at its registers and the set-up begins at 0.
+        // A counter that was reset between the last look at its registers and the set-up begins at
+        // 0.
         let moved = counts_between(last, sample).unsigned_abs() as f64;
         let is_elsewhere = must_go_on && moved > farthest + MIN_MISSING;
         farthest.min(gap * self.rates.sample_hz) >= AMBIGUOUS || is_elsewhere
@@ -452,8 +454,8 @@ impl EncoderState {
     }
 }
 
-/// What the control register has shown since the set-up was lost: a reset clears it, and nothing but
-/// the set-up writes it again.
+/// What the control register has shown since the set-up was lost: a reset clears it, and nothing
+/// but the set-up writes it again.
 #[derive(Clone, Copy, Debug, Default)]
 struct OutageProof {
     /// The counter was cleared, or may have been.

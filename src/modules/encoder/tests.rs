@@ -120,7 +120,7 @@ fn parameters_choose_how_the_encoder_counts() {
 }
 
 #[test]
-fn a_quadrature_error_is_kept_while_it_is_watched() {
+fn quadrature_error_is_kept_while_it_is_watched() {
     let mut m = Machine::new();
     let error = bits::QUADRATURE_ERROR;
     let shown = |m: &Machine| m.pins.read(m.handles.quad_error).ok();

@@ -59,8 +59,8 @@ impl VelocityEstimator {
         }
     }
 
-    /// Counts that the encoder has gone since its last change, at the present velocity: less than one,
-    /// which would have been counted. `now` in ticks, `hz` ticks per second.
+    /// Counts that the encoder has gone since its last change, at the present velocity: less than
+    /// one, which would have been counted. `now` in ticks, `hz` ticks per second.
     pub fn ahead(&self, now: u64, hz: f64) -> f64 {
         let Some(last) = self.last_change else {
             return 0.0;
@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn without_counts_velocity_is_at_most_one_count_by_the_time_that_passed() {
+    fn velocity_without_counts_is_at_most_one_count_per_time_passed() {
         let mut v = VelocityEstimator::default();
         step(&mut v, 1, 0, 0);
         step(&mut v, 10, 1_000, 1_000);
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_that_dithers_has_no_velocity() {
+    fn edge_that_dithers_has_no_velocity() {
         let mut v = VelocityEstimator::default();
         step(&mut v, 1, 100, 1_000);
         step(&mut v, 1, 1_100, 2_000);

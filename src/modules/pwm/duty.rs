@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rates_of_the_7i97_manual_are_reached_with_the_widest_duty() {
+    fn rates_of_the_7i97_manual_are_reached_with_the_widest_duty() {
         let slow = PwmRate::new(CLOCK, 48_000.0);
         assert_eq!((slow.bits, slow.rate), (12, 64_425));
         let fast = PwmRate::new(CLOCK, 96_000.0);
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn a_duty_that_dithers_ends_where_its_carry_can_not_wrap() {
+    fn duty_that_dithers_ends_where_its_carry_can_not_wrap() {
         for (bits, largest) in [(12, 0x0FFE_F000), (11, 0x07FE_F000), (9, 0x01FE_F000)] {
             let shape = PwmShape {
                 bits,
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn the_fastest_rate_is_the_last_that_is_reached() {
+    fn fastest_rate_is_the_last_that_is_reached() {
         let fastest = PwmRate::fastest(CLOCK);
         assert_eq!(fastest, 390_619);
         let rate = |hz: u32| PwmRate::new(CLOCK, hz.into()).rate;
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn modes_are_laid_out_as_the_register_list_says() {
+    fn mode_layout_matches_the_register_list() {
         assert_eq!(shape(false).mode(), 0x23);
         let up_down = PwmShape {
             bits: 9,

@@ -43,8 +43,8 @@ pub struct PwmPins {
     /// on the second for negative values; 3: pulse density and direction, with 12 bits; 4:
     /// direction and PWM. Any other value becomes 1, with an event.
     pub output_type: Param<i32>,
-    /// Uses the fraction of the duty: the output changes between two adjacent widths, with an average
-    /// between them. Only with module version 1. Initially true, and false with
+    /// Uses the fraction of the duty: the output changes between two adjacent widths, with an
+    /// average between them. Only with module version 1. Initially true, and false with
     /// [`Defaults::LinuxCnc`].
     pub dither: Option<Param<bool>>,
 }

@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn in_any_minute_attempts_take_less_than_six_thousandths_of_the_time() {
+    fn attempts_take_less_than_six_thousandths_of_any_minute() {
         let mut cost = Cost::new(&FaultPolicy::default());
         let mut taken = Vec::new();
         let mut now = 0;
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn without_end_is_a_pause_like_any_other() {
+    fn unlimited_backoff_is_a_pause_like_any_other() {
         let policy = FaultPolicy {
             longest_backoff: Duration::MAX,
             ..FaultPolicy::default()

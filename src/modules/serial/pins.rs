@@ -23,8 +23,8 @@ pub(super) struct PortPins {
     port_state2: Input<u32>,
     /// LinuxCNC's step within a parameter access; 0 here, as in LinuxCNC outside of one.
     port_state3: Input<u32>,
-    /// Of LinuxCNC, in nanoseconds: what is left of the longest time that the port's present command
-    /// can take; 0 for none, and for transfers. Only with LinuxCNC's values.
+    /// Of LinuxCNC, in nanoseconds: what is left of the longest time that the port's present
+    /// command can take; 0 for none, and for transfers. Only with LinuxCNC's values.
     debug: Option<Input<i32>>,
     transfers: Input<u64>,
     too_short: Input<u32>,

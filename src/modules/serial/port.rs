@@ -298,7 +298,8 @@ impl SerialPort {
     /// counts as off. Remotes that did are restarted. `silence` is the duration; a remote with a
     /// much shorter time of its own may use any time up to that.
     ///
-    /// Returns the channel of a remote that was not heard, if there is one; nothing is known of its watchdog.
+    /// Returns the channel of a remote that was not heard, if there is one; nothing is known of its
+    /// watchdog.
     pub(crate) fn judge_watchdogs(
         &mut self,
         asked: &Queried,
@@ -351,9 +352,9 @@ impl SerialPort {
         });
     }
 
-    /// Puts what remotes get in a cycle without a transfer: with START their modes, and outputs where
-    /// no transfer can be in flight, so that no packet that is on its way when a remote runs again
-    /// has outputs of before.
+    /// Puts what remotes get in a cycle without a transfer: with START their modes, and outputs
+    /// where no transfer can be in flight, so that no packet that is on its way when a remote runs
+    /// again has outputs of before.
     #[cold]
     fn put_between(&mut self, cycle: &mut WriteCycle<'_>, operation: Option<PortOperation>) {
         let is_idle = operation.is_none() && self.port.machine.is_idle();
@@ -511,8 +512,8 @@ impl SerialPort {
     }
 
     /// Remotes that may have an output on which was on before the last write: the last read
-    /// delivered no good transfer of their safe values, and no other evidence shows that all outputs
-    /// are off. No frame has reached them since `silent_since`, if that is known.
+    /// delivered no good transfer of their safe values, and no other evidence shows that all
+    /// outputs are off. No frame has reached them since `silent_since`, if that is known.
     pub(crate) fn not_reached(
         &self,
         now: Instant,

@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn a_percentile_is_never_shorter_than_the_shortest() {
+    fn percentile_is_never_shorter_than_the_shortest() {
         let mut times = TimeHistogram::default();
         times.record(Duration::from_nanos(71_600));
         times.record(Duration::from_nanos(71_900));

@@ -26,8 +26,9 @@ pub enum RemoteWatchdog {
     /// The remote has no such parameter, or it was not read: [`USUAL`](Self::USUAL) is assumed.
     Assumed,
     /// The watchdog never bites: its parameter is 0, or it did not bite in a
-    /// [test](crate::Driver::prove_watchdogs) in which the remote was heard. Nothing switches the outputs off when the remote
-    /// cannot be reached, or when it has a fault that START does not clear.
+    /// [test](crate::Driver::prove_watchdogs) in which the remote was heard. Nothing switches the
+    /// outputs off when the remote cannot be reached, or when it has a fault that START does not
+    /// clear.
     Off,
 }
 
@@ -128,7 +129,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_silence_is_60_ms_for_the_usual_watchdog_and_none_for_one_that_is_off() {
+    fn silence_is_60_ms_by_default_and_0_for_a_disabled_watchdog() {
         assert_eq!(RemoteWatchdog::Assumed.silence().as_millis(), 60);
         for (millis, silence) in [(50, 60), (200, 240), (0, 0)] {
             let watchdog = RemoteWatchdog::longer_of(millis, millis);

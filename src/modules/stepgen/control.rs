@@ -1,17 +1,17 @@
 //! The control law: from a commanded position to the speed of the next period.
 //!
-//! The law knows no bus, no pin and no step. It counts in moves: distances of one period in the units
-//! of the position, so that a speed of `v` is the move `v*T`, and the acceleration `a` changes a move
-//! by the *ramp* `a*T^2` from one period to the next.
+//! The law knows no bus, no pin and no step. It counts in moves: distances of one period in the
+//! units of the position, so that a speed of `v` is the move `v*T`, and the acceleration `a`
+//! changes a move by the *ramp* `a*T^2` from one period to the next.
 //!
 //! # The rule
-//! A generator that moves by `m` and then brakes with the whole acceleration moves by
-//! `m + (m - ramp) + (m - 2*ramp) + ...`, down to 0, until it stands still. For a move of `q` ramps,
-//! and `n` the number of periods with a move (`q` rounded up), this distance is
-//! `D(q) = n*q - n*(n-1)/2` ramps. In each period:
+//! A generator that moves by `m` and then brakes with the whole acceleration moves by `m + (m -
+//! ramp) + (m - 2*ramp) + ...`, down to 0, until it stands still. For a move of `q` ramps, and `n`
+//! the number of periods with a move (`q` rounded up), this distance is `D(q) = n*q - n*(n-1)/2`
+//! ramps. In each period:
 //!
-//! 1. The *feed* is the move of the command since the last period. It follows the command by one ramp
-//!    a period at most: a jump of the command is a distance and no speed.
+//! 1. The *feed* is the move of the command since the last period. It follows the command by one
+//!    ramp a period at most: a jump of the command is a distance and no speed.
 //! 2. The *stop* is the place where the command would come to rest if it began to brake now.
 //! 3. The next move is the largest from which the generator can still come to rest at the stop,
 //!    `D^-1` of the distance to it, in the direction of the stop.
@@ -21,27 +21,27 @@
 //! # Why its promises hold
 //! - **Limits.** Step 4 is the last one. A highest speed that is lowered below the present speed is
 //!   reached by braking with the acceleration.
-//! - **A smooth command is followed exactly, one period late.** If the generator is where the command
-//!   was a period ago, the distance to the stop is `D` of the feed, and the move is the feed. As long
-//!   as the command keeps the acceleration, the feed is its move.
-//! - **No overshoot.** Without a delay between read and write, a move `m` from step 3 leaves a distance of
-//!   `D(m) - m = D(m - ramp)`, so that the next move is at least `m - ramp`, and step 4 never keeps the
-//!   generator faster than step 3 allows. A command that brakes with at most the acceleration comes to
-//!   rest at the stop or beyond it. So the generator stops no later than the command, also after it was
-//!   behind because the command was too fast.
-//!   With a delay of the part `d` of the period, command and generator are compared at the time of the
-//!   write, and the command has to be predicted until then. Of a command that has become slower it is
-//!   assumed that it brakes with the whole acceleration, since the latest time that explains the loss.
-//!   The moves are a staircase that is half a period ahead of the ramp of the command: for `d` up to
-//!   0.5 that is enough to brake in time. What remains are 0.06 ramps, from the last period of a motion.
-//!   It is not enough if the moves of the command themselves are a staircase of whole ramps, or if it
+//! - **A smooth command is followed exactly, one period late.** If the generator is where the
+//!   command was a period ago, the distance to the stop is `D` of the feed, and the move is the
+//!   feed. As long as the command keeps the acceleration, the feed is its move.
+//! - **No overshoot.** Without a delay between read and write, a move `m` from step 3 leaves a
+//!   distance of `D(m) - m = D(m - ramp)`, so that the next move is at least `m - ramp`, and step 4
+//!   never keeps the generator faster than step 3 allows. A command that brakes with at most the
+//!   acceleration comes to rest at the stop or beyond it. So the generator stops no later than the
+//!   command, also after it was behind because the command was too fast. With a delay of the part
+//!   `d` of the period, command and generator are compared at the time of the write, and the
+//!   command has to be predicted until then. Of a command that has become slower it is assumed that
+//!   it brakes with the whole acceleration, since the latest time that explains the loss. The moves
+//!   are a staircase that is half a period ahead of the ramp of the command: for `d` up to 0.5 that
+//!   is enough to brake in time. What remains are 0.06 ramps, from the last period of a motion. It
+//!   is not enough if the moves of the command themselves are a staircase of whole ramps, or if it
 //!   brakes within a period after it has accelerated, each with the whole acceleration: a generator
 //!   without acceleration to spare then overruns by up to `v*d*T`. None could do better that is not
 //!   `d` later all the time. The figures are in the tests.
-//! - **Arrival.** Within one ramp of a stop that rests, `D^-1` is the distance itself: the last move
-//!   ends at the stop.
-//! - **Both signs alike.** Every operation is odd in positions and speeds: the mirrored command gives
-//!   the mirrored moves, to the last bit.
+//! - **Arrival.** Within one ramp of a stop that rests, `D^-1` is the distance itself: the last
+//!   move ends at the stop.
+//! - **Both signs alike.** Every operation is odd in positions and speeds: the mirrored command
+//!   gives the mirrored moves, to the last bit.
 //!
 //! A deviation from a command that moves at the speed `v` decays with the time constant `v/a`, the
 //! time that the command needs to brake. Jitter of the feedback is therefore averaged while the
@@ -86,8 +86,8 @@ impl ControlLimits {
         }
     }
 
-    /// With a greater change of the move down to the highest speed: after a change of the units, the
-    /// acceleration of before in the new ones.
+    /// With a greater change of the move down to the highest speed: after a change of the units,
+    /// the acceleration of before in the new ones.
     pub fn with_brake(self, ramp: f64) -> Self {
         Self {
             brake: ramp.max(self.max_change),
@@ -182,8 +182,8 @@ impl ControlLaw {
         self.command += distance;
     }
 
-    /// Positions have another unit, in which all numbers are greater by `factor`. The speed in steps
-    /// stays.
+    /// Positions have another unit, in which all numbers are greater by `factor`. The speed in
+    /// steps stays.
     pub fn rescale(&mut self, factor: f64) {
         let Self {
             command,
@@ -228,8 +228,8 @@ impl ControlLaw {
     }
 
     /// Follows a commanded position, from the position that was read. `delay` is the time from the
-    /// sample of this position to the write of the new move, as a part of the period: until then the
-    /// generator goes on with the present move. A command that is not finite is the one before.
+    /// sample of this position to the write of the new move, as a part of the period: until then
+    /// the generator goes on with the present move. A command that is not finite is the one before.
     ///
     /// # Real time
     /// Constant time, no allocation.

@@ -33,8 +33,8 @@ pub(super) enum Expected {
     Within(i64),
     /// That of the accumulator, less this.
     Beyond(i64),
-    /// In the time that it ran, of the whole time since the last read, both in seconds, with a change
-    /// from one speed to the other, in sub-counts per second: the accumulator shows when.
+    /// In the time that it ran, of the whole time since the last read, both in seconds, with a
+    /// change from one speed to the other, in sub-counts per second: the accumulator shows when.
     Changed {
         speeds: [f64; 2],
         ran: f64,
@@ -146,7 +146,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_position_is_that_of_a_wide_accumulator_over_any_walk(
+        fn position_is_that_of_a_wide_accumulator_over_any_walk(
             start: u32, moves in prop::collection::vec(i32::MIN..=i32::MAX, 1..200),
         ) {
             let mut counts = StepCounts::default();
@@ -162,7 +162,7 @@ mod tests {
         }
 
         #[test]
-        fn a_latched_point_is_found_on_both_sides_of_a_wrap_around(
+        fn latched_point_is_found_on_both_sides_of_a_wrap_around(
             start: u32, before in -1_000_000_000i64..1_000_000_000, after in -1_000_000_000i64..1_000_000_000,
         ) {
             let mut counts = StepCounts::default();
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_in_which_the_accumulator_can_wrap_around_is_unsure_until_a_reset() {
+    fn gap_with_a_possible_wrap_is_unsure_until_a_reset() {
         let mut counts = StepCounts::default();
         assert!(!counts.observe_gap(MS * 9, 4e6));
         counts.read(5);
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn a_motor_stands_where_it_was_when_its_pins_were_released() {
+    fn motor_stands_where_it_was_when_its_pins_were_released() {
         const STEP: i64 = 65_536;
         let changed = |speeds: [f64; 2]| Expected::Changed {
             speeds: speeds.map(|speed| speed * STEP as f64),
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn the_position_goes_on_where_it_was_after_steps_that_nobody_saw() {
+    fn position_resumes_where_it_was_after_unobserved_steps() {
         let mut counts = StepCounts::default();
         counts.resume();
         assert!(!counts.doubt.is_unsure(), "nothing to lose");

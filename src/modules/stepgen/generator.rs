@@ -184,8 +184,8 @@ impl Generator {
 
 /// The read.
 impl Generator {
-    /// Takes the accumulator. `gap_ns` is the time since the last good read. Returns true if a position that
-    /// the application had is lost.
+    /// Takes the accumulator. `gap_ns` is the time since the last good read. Returns true if a
+    /// position that the application had is lost.
     pub fn read(&mut self, cycle: &mut ReadCycle<'_>, gap_ns: u64) -> bool {
         self.reports.report(cycle);
         let certain = cycle.certain;
@@ -424,8 +424,8 @@ impl Generator {
             safe_gap_ns: (AMBIGUOUS / highest * 1e9) as u64,
             asked,
         };
-        // The version changes with each arming as well, and a change of the pulses has a limit of its
-        // own.
+        // The version changes with each arming as well, and a change of the pulses has a limit of
+        // its own.
         if (limits, factors) != (self.limits, self.factors) {
             (self.limits, self.factors) = (limits, factors);
             self.reports.limit_changed();

@@ -6,10 +6,10 @@
 //! - A late write of an older word without a request clears the bits as well. So clear bits are
 //!   evidence with another latched value, or after an exchange without doubt; else the request is
 //!   written again.
-//! - A duplicate of the request arms the latch again after it happened: the latched value has changed,
-//!   and is the requested one.
-//! - A late write of an earlier request of the other kind can latch, too: for some time after one, an
-//!   exchange in doubt is no evidence.
+//! - A duplicate of the request arms the latch again after it happened: the latched value has
+//!   changed, and is the requested one.
+//! - A late write of an earlier request of the other kind can latch, too: for some time after one,
+//!   an exchange in doubt is no evidence.
 //!
 //! A request that is in the register stays there in doubt: a probe has no second edge.
 //!
@@ -81,7 +81,8 @@ impl AccumulatorLatch {
         }
     }
 
-    /// True if the register may not contain the [`bits`](Self::bits), so that they are written again.
+    /// True if the register may not contain the [`bits`](Self::bits), so that they are written
+    /// again.
     pub fn is_unsettled(&self) -> bool {
         self.is_stray || self.wanted != LatchRequest::None && self.stage != LatchStage::Armed
     }
@@ -157,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn an_index_is_taken_when_its_bit_clears() {
+    fn index_is_taken_when_its_bit_clears() {
         for value in [7, 8] {
             let mut latch = armed();
             let event = latch.observe(value << 8, true);
@@ -168,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn an_index_within_the_first_period_and_a_duplicate_of_the_request_are_recognised() {
+    fn index_in_first_period_and_duplicate_request_are_recognised() {
         let mut latch = AccumulatorLatch::default();
         latch.request(LatchRequest::Probe);
         latch.observe(0, true);
@@ -182,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_in_an_exchange_in_doubt_is_taken_and_a_request_stays_armed() {
+    fn edge_in_a_doubtful_exchange_is_taken_and_request_stays_armed() {
         let mut latch = armed();
         assert_eq!(latch.observe(7 << 8 | INDEX, false), None);
         assert_eq!(latch.bits(), INDEX, "no edge is missed");
@@ -201,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_late_request_of_the_other_kind_is_not_taken_for_this_one() {
+    fn late_request_of_the_other_kind_is_not_taken_for_this_one() {
         for (reads, is_taken) in [(10, false), (150, true)] {
             let mut latch = armed();
             latch.request(LatchRequest::Probe);
@@ -216,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_of_another_kind_in_the_register_is_no_event() {
+    fn request_of_another_kind_in_the_register_is_no_event() {
         let mut latch = armed();
         assert_eq!(latch.observe(9 << 8 | bits::LATCH_ON_PROBE, true), None);
         assert_eq!((latch.bits(), latch.is_unsettled()), (0, true));

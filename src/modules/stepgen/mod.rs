@@ -4,17 +4,18 @@
 //! that goes anyway. Everything else is written when it changes.
 //!
 //! What may never happen, and why it does not:
-//! - **A pulse that does not end, or a pulse with wrong times.** Times, type and table are written at
-//!   rest only, with a rate of 0, and no other rate goes out before a read has confirmed them. A table
-//!   is not used before it cannot be written again. In the set-up they come before the master rate.
-//!   The length of a pulse is never 0.
-//! - **A change of the direction inside a pulse.** The hold time in the register includes the pulse.
+//! - **A pulse that does not end, or a pulse with wrong times.** Times, type and table are written
+//!   at rest only, with a rate of 0, and no other rate goes out before a read has confirmed them. A
+//!   table is not used before it cannot be written again. In the set-up they come before the master
+//!   rate. The length of a pulse is never 0.
+//! - **A change of the direction inside a pulse.** The hold time in the register includes the
+//!   pulse.
 //! - **Motion after a bite of the watchdog.** A bite does not stop the generator (FACTS 14.15). The
 //!   rate becomes 0 with the first write after it and in the set-up, both before any direction. The
 //!   position is the one at which the pins were released, as well as that is known, and is unsure.
 //! - **A step that the driver does not know.** The position is that of the accumulator, which makes
-//!   exactly one step for each crossing of a whole number. It is never written. One that does not move
-//!   at its rate is not believed: the generator stops, and its position is unsure.
+//!   exactly one step for each crossing of a whole number. It is never written. One that does not
+//!   move at its rate is not believed: the generator stops, and its position is unsure.
 //!
 //! Source: FACTS 14.
 
@@ -102,8 +103,8 @@ impl Stepgens {
         self.timer.map(|timer| timer.number)
     }
 
-    /// Registers the generators of a firmware, as many as the settings ask for: versions 0, 1, 2, 42
-    /// and C2.
+    /// Registers the generators of a firmware, as many as the settings ask for: versions 0, 1, 2,
+    /// 42 and C2.
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<(), RegisterError> {
         let modules = r.driven(&[Gtag::STEPGEN]);
         if modules

@@ -31,9 +31,9 @@ pub struct StepgenPins {
     /// A rising edge turns `position-unsure` off: the axis has been homed, whatever homed it.
     pub homed: Output<bool>,
     /// The motor may stand elsewhere: the board was set up again after a bite of its watchdog or a
-    /// reset; or too much time passed between two reads; or a packet was lost, late or repeated while
-    /// it moved, within 100 reads of such a set-up or of a change of its pulses; or its accumulator
-    /// did not follow its rate. Kept until the next `position-reset`, index, or rising
+    /// reset; or too much time passed between two reads; or a packet was lost, late or repeated
+    /// while it moved, within 100 reads of such a set-up or of a change of its pulses; or its
+    /// accumulator did not follow its rate. Kept until the next `position-reset`, index, or rising
     /// edge of `homed`.
     pub position_unsure: Input<bool>,
     /// The generator has nine tenths or more of the highest rate that `steplen` and `stepspace`
@@ -56,8 +56,8 @@ pub struct StepgenPins {
     pub probe_invert: Option<Output<bool>>,
     /// Steps for one unit of position; may be negative.
     pub position_scale: Param<f64>,
-    /// The highest speed in units per second; 0 for the highest that the gateware can make. The sign
-    /// has no meaning.
+    /// The highest speed in units per second; 0 for the highest that the gateware can make. The
+    /// sign has no meaning.
     pub maxvel: Param<f64>,
     /// The acceleration in units per second squared; 0 for no limit. The sign has no meaning.
     pub maxaccel: Param<f64>,
@@ -70,8 +70,8 @@ pub struct StepgenPins {
     pub dirsetup: Param<u32>,
     /// Least time from the end of a pulse to a change of the direction in ns.
     pub dirhold: Param<u32>,
-    /// 0: step and direction; 1: up and down; 2: quadrature; 3 to 16: a table of that length, only in
-    /// firmware with pins for one.
+    /// 0: step and direction; 1: up and down; 2: quadrature; 3 to 16: a table of that length, only
+    /// in firmware with pins for one.
     pub step_type: Param<u32>,
     /// Exchanges the two outputs. Only in versions 42 and C2.
     pub swap_step_dir: Option<Param<bool>>,
@@ -178,8 +178,8 @@ impl PulseSetup {
 }
 
 impl StepgenPins {
-    /// The generator as an axis that follows speeds: in units per second, with `position_scale` as the
-    /// steps for one unit. It never changes its speed by more than `maxaccel` allows.
+    /// The generator as an axis that follows speeds: in units per second, with `position_scale` as
+    /// the steps for one unit. It never changes its speed by more than `maxaccel` allows.
     pub const fn axis(&self) -> Axis {
         Axis::steps(
             [self.enable, self.control_type, self.position_reset],

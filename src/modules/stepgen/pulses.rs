@@ -164,7 +164,7 @@ mod tests {
 
     /// 163 us of space and 163 us of set-up may still run, however many reads pass meanwhile.
     #[test]
-    fn a_generator_rests_when_no_timer_runs_any_more() {
+    fn generator_rests_when_no_timer_runs_any_more() {
         let mut change = PulseChange::new(pulses(2_000, 0));
         change.observe_rest(at(0), false, CLOCK);
         change.want(pulses(3_000, 0));
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_is_confirmed_by_a_certain_read_after_it_was_sent() {
+    fn change_is_confirmed_by_a_certain_read_after_it_was_sent() {
         let mut change = PulseChange::new(pulses(2_000, 0));
         change.want(pulses(3_000, 0));
         assert!(change.take().is_some() && change.holds(true) && change.holds(false));
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_begins_to_move_before_a_wanted_change() {
+    fn no_motion_starts_before_a_pending_pulse_change() {
         let mut change = PulseChange::new(pulses(2_000, 0));
         change.observe_rest(at(0), false, CLOCK);
         change.want(pulses(3_000, 0));
@@ -204,7 +204,7 @@ mod tests {
 
     /// A doubt within that time writes it again.
     #[test]
-    fn a_table_is_used_when_it_cannot_be_written_again() {
+    fn table_is_used_when_it_cannot_be_written_again() {
         let mut change = PulseChange::new(pulses(2_000, 0));
         change.want(pulses(2_000, 3));
         change.take().expect("it rests");
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_doubt_matters_while_a_set_up_may_be_in_flight() {
+    fn doubt_matters_while_a_set_up_may_be_in_flight() {
         let mut change = PulseChange::new(pulses(2_000, 0));
         for _ in 0..99 {
             assert!(!change.read(true));

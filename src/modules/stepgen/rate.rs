@@ -15,8 +15,8 @@ pub(super) struct SentRates {
     pub last: i32,
     /// Number of writes.
     writes: u32,
-    /// Start of the first write of a board that is not set up: it and the next ones stop the generator,
-    /// and do not restart the watchdog. They are no part of the others.
+    /// Start of the first write of a board that is not set up: it and the next ones stop the
+    /// generator, and do not restart the watchdog. They are no part of the others.
     pub stopped_at: Option<Instant>,
 }
 
@@ -34,8 +34,8 @@ pub(super) struct RateRegister {
     pub word: i32,
     /// The magnitude of the fastest rate that may have been in force since the last read.
     fastest: u32,
-    /// The magnitudes of the fastest rates of this and the last [`HORIZON`] reads: a packet can be late
-    /// by as much.
+    /// The magnitudes of the fastest rates of this and the last [`HORIZON`] reads: a packet can be
+    /// late by as much.
     recent: [u32; 2],
     /// Number of further reads of this one.
     left: u32,
@@ -184,7 +184,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn after_a_write_in_doubt_the_faster_rate_of_before_still_counts() {
+    fn earlier_faster_rate_still_counts_after_a_doubtful_write() {
         let mut rate = RateRegister::new();
         rate.put(-900);
         rate.written(true);
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_late_packet_has_a_rate_of_the_last_hundred_reads() {
+    fn late_packet_has_a_rate_of_the_last_hundred_reads() {
         let mut rate = RateRegister::new();
         for word in [5_000, 10] {
             rate.put(word);
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn an_accumulator_that_does_not_follow_its_rate_is_found_once() {
+    fn accumulator_that_does_not_follow_its_rate_is_found_once() {
         let mut rate = RateRegister::new();
         rate.put(1_000);
         for _ in 0..STANDING_READS - 1 {

@@ -47,8 +47,8 @@ pub(super) struct PulseTicks {
     pub step_space: u32,
     /// The register DIRSETUP.
     pub dir_setup: u32,
-    /// The register DIRHOLD, which counts from the beginning of the pulse: it includes the pulse, so
-    /// that the direction never changes inside one.
+    /// The register DIRHOLD, which counts from the beginning of the pulse: it includes the pulse,
+    /// so that the direction never changes inside one.
     pub dir_hold: u32,
 }
 
@@ -68,8 +68,8 @@ impl PulseTicks {
         }
     }
 
-    /// The time from the end of a pulse to a change of the direction, in nanoseconds: less than asked
-    /// for if the pulse leaves no room for it in the register.
+    /// The time from the end of a pulse to a change of the direction, in nanoseconds: less than
+    /// asked for if the pulse leaves no room for it in the register.
     pub fn hold_left(&self, clock_hz: u32) -> u32 {
         let left = u64::from(self.dir_hold.saturating_sub(self.step_len));
         let ns = left
@@ -78,8 +78,8 @@ impl PulseTicks {
         ns.and_then(|ns| u32::try_from(ns).ok()).unwrap_or(u32::MAX)
     }
 
-    /// The highest rate in steps per second: beyond it the accumulator waits for the timers, and the
-    /// position lags.
+    /// The highest rate in steps per second: beyond it the accumulator waits for the timers, and
+    /// the position lags.
     pub fn highest_rate(&self, clock_hz: u32) -> f64 {
         let low = match self.step_space {
             0 => 2,
@@ -134,7 +134,7 @@ mod tests {
 
     /// 10/10 ticks are 4.17 MHz, and without a space the period is STEPLEN + 3.
     #[test]
-    fn the_highest_rate_is_that_of_the_gateware() {
+    fn highest_rate_is_that_of_the_gateware() {
         let highest =
             |len, space| PulseTicks::new(times(len, space, 0, 0), CLOCK).highest_rate(CLOCK);
         assert_eq!(highest(100, 100), 1e8 / 24.0);
@@ -161,7 +161,7 @@ mod tests {
     proptest! {
         /// The generator's own ticks: pulse +1, space +3 (2 for 0), set-up +2, hold +1.
         #[test]
-        fn no_time_is_shorter_than_asked_for_and_the_direction_stays_in_a_pulse(
+        fn no_step_time_is_too_short_and_direction_holds_during_a_pulse(
             len in 0u32..163_831, space in 0u32..163_831, setup in 0u32..163_831, hold in 0u32..163_831,
             clock in 33_000_000u32..200_000_000,
         ) {

@@ -196,8 +196,8 @@ impl Watchdog {
     }
 
     /// Takes a write outside the cycle, from its start to its end, which gives this time to the
-    /// watchdog: what the board has from that is no sign of a reset, until the cycle has written its own
-    /// time.
+    /// watchdog: what the board has from that is no sign of a reset, until the cycle has written
+    /// its own time.
     pub(crate) fn fed_outside(&mut self, at: Instant, by: Instant, time: Duration, arrived: bool) {
         if self.stage == WatchdogStage::Running {
             self.stage = WatchdogStage::Held;
@@ -279,9 +279,9 @@ impl Watchdog {
             && !WatchdogRegisters::runs(time)
     }
 
-    /// Time from which on the board's pins are inputs, so that no frame reaches a remote: its watchdog
-    /// has bitten by then, if no older write arrives late. `None` if the time that the board was given
-    /// is not known.
+    /// Time from which on the board's pins are inputs, so that no frame reaches a remote: its
+    /// watchdog has bitten by then, if no older write arrives late. `None` if the time that the
+    /// board was given is not known.
     pub(crate) fn bitten_by(&self) -> Option<Instant> {
         self.fed?;
         (self.stage == WatchdogStage::Running).then(|| self.fed_by.after(self.longest_time))

@@ -62,7 +62,7 @@ fn in_record(limits: [i128; 2]) -> [f64; 2] {
 }
 
 #[test]
-fn a_number_with_the_limits_of_its_own_bits_is_its_own_value() {
+fn number_with_the_limits_of_its_own_bits_is_its_own_value() {
     for bits in [1, 8, 24, 31, 32, 64] {
         let mask = u64::MAX >> (64 - u32::from(bits));
         let [min, max] = in_record([0, i128::from(mask)]);
@@ -117,7 +117,7 @@ fn equal_limits_mean_0_to_1() {
 }
 
 #[test]
-fn what_does_not_fit_becomes_an_end_and_what_is_no_number_zero() {
+fn out_of_range_values_become_an_end_and_non_finite_ones_zero() {
     let volts = signed(13, -10.0, 10.0);
     assert_eq!(volts.raw(1e300), 4095);
     assert_eq!(volts.raw(-11.0), 0x1000);
@@ -161,7 +161,7 @@ proptest! {
     }
 
     #[test]
-    fn raw_values_come_back_as_they_were_where_the_nearest_one_is_taken(bits in 1..=48u8, seed in any::<u64>(), max in 1e-3..1e6_f64) {
+    fn raw_values_round_trip_with_rounding_to_nearest(bits in 1..=48u8, seed in any::<u64>(), max in 1e-3..1e6_f64) {
         let raw = seed >> (64 - bits);
         for scaling in [
             // LinuxCNC's method up to 31 bits does not round to the nearest.
@@ -175,7 +175,7 @@ proptest! {
     }
 
     #[test]
-    fn a_value_on_the_wire_is_no_further_off_than_promised(bits in 2..=32u8, fraction in -1.0..1.0f64, max in 1e-3..1e6_f64) {
+    fn value_on_the_wire_is_no_further_off_than_promised(bits in 2..=32u8, fraction in -1.0..1.0f64, max in 1e-3..1e6_f64) {
         let step = max / (1_u64 << (bits - 1)) as f64;
         // An error of one step from dropping low bits, and two parts of 2^31 from the fraction
         // before it.
@@ -200,7 +200,7 @@ proptest! {
     }
 
     #[test]
-    fn a_larger_value_never_has_a_smaller_raw_value(bits in 1..=64u8, a in -12.0..12.0f64, b in -12.0..12.0f64) {
+    fn larger_value_never_has_a_smaller_raw_value(bits in 1..=64u8, a in -12.0..12.0f64, b in -12.0..12.0f64) {
         let scaling = signed(bits, -10.0, 10.0);
         let raw = |v: f64| sign_extend(scaling.raw(v), bits);
         prop_assert!(raw(a.min(b)) <= raw(a.max(b)));

@@ -18,7 +18,7 @@ fn cycle(driver: &mut Driver<SimFpga>, queue: &mut CommandQueue) -> u32 {
 }
 
 #[test]
-fn a_full_queue_says_so_and_a_cycle_takes_sixteen() {
+fn full_queue_is_reported_and_a_cycle_takes_sixteen_commands() {
     let mut driver = driver();
     let mut queue = CommandQueue::new(&driver, 20);
     let sender = queue.sender();
@@ -47,7 +47,7 @@ fn a_full_queue_says_so_and_a_cycle_takes_sixteen() {
 }
 
 #[test]
-fn what_was_sent_before_a_fault_or_for_another_driver_is_void() {
+fn commands_from_before_a_fault_or_for_another_driver_are_void() {
     let mut driver = driver();
     let mut queue = CommandQueue::new(&driver, 64);
     let sender = queue.sender();
@@ -91,7 +91,7 @@ fn what_was_sent_before_a_fault_or_for_another_driver_is_void() {
 }
 
 #[test]
-fn an_output_is_switched_off_whatever_else_fails_meanwhile() {
+fn output_is_switched_off_whatever_else_fails_meanwhile() {
     let mut driver = driver();
     let mut queue = CommandQueue::new(&driver, 8);
     let sender = queue.sender();
@@ -111,7 +111,7 @@ fn an_output_is_switched_off_whatever_else_fails_meanwhile() {
 /// The output is switched on in a queue of 300 commands; after a fault the application itself
 /// re-arms, while the rest of the queue waits.
 #[test]
-fn an_output_is_not_switched_on_by_what_was_sent_before_a_fault_that_was_re_armed_since() {
+fn output_stays_off_for_commands_from_before_a_rearmed_fault() {
     let mut driver = driver();
     let mut queue = CommandQueue::new(&driver, 400);
     let sender = queue.sender();
@@ -141,7 +141,7 @@ fn an_output_is_not_switched_on_by_what_was_sent_before_a_fault_that_was_re_arme
 }
 
 #[test]
-fn what_makes_safe_is_never_refused() {
+fn switch_off_commands_are_never_refused() {
     let mut driver = driver();
     let mut queue = CommandQueue::new(&driver, 8);
     let sender = queue.sender();
@@ -191,7 +191,7 @@ fn minus_zero_volts_are_as_safe_as_zero() {
 }
 
 #[test]
-fn what_re_arms_is_done_if_it_was_sent_after_the_fault_was_shown() {
+fn rearm_command_takes_effect_if_sent_after_the_fault_was_shown() {
     for is_after in [true, false] {
         let mut runner = crate::runner::Runner::new(driver());
         let (reader, sender) = (runner.snapshot(), runner.commands(4));
@@ -228,7 +228,7 @@ fn what_re_arms_is_done_if_it_was_sent_after_the_fault_was_shown() {
 }
 
 #[test]
-fn what_makes_no_sense_is_refused_where_it_is_sent() {
+fn invalid_commands_are_refused_when_sent() {
     let driver = driver();
     let sender = CommandQueue::new(&driver, 4).sender();
     let other = self::driver();
@@ -265,7 +265,7 @@ fn what_makes_no_sense_is_refused_where_it_is_sent() {
 }
 
 #[test]
-fn parameters_are_set_remotes_restarted_and_everything_is_armed_again() {
+fn commands_set_parameters_restart_remotes_and_rearm_all() {
     let mut driver = driver();
     let mut queue = CommandQueue::new(&driver, 8);
     let sender = queue.sender();
@@ -312,7 +312,7 @@ fn parameters_are_set_remotes_restarted_and_everything_is_armed_again() {
 
 /// Every refused command has its reason, and every other one its outcome.
 #[test]
-fn a_command_that_is_refused_says_why() {
+fn every_refused_command_has_a_reason() {
     use super::CommandOutcome::{AfterFault, Done, Ended, NotArmed, NotRunning, PortOff};
     use super::CommandOutcome::{OtherDriver, Unknown, Waiting};
     let mut driver = driver();

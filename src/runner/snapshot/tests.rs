@@ -32,7 +32,7 @@ fn cycle(driver: &mut Driver<SimFpga>, writer: &mut SnapshotWriter) {
 }
 
 #[test]
-fn a_reader_in_another_thread_never_sees_a_torn_set() {
+fn reader_in_another_thread_never_sees_a_torn_set() {
     let mut driver = driver();
     let outputs = outputs(&driver);
     let limit = driver.pins().output("hm2_7i92.0.led.CR01");
@@ -95,7 +95,7 @@ fn read_until_the_end(
 }
 
 #[test]
-fn a_snapshot_says_of_every_pin_group_and_remote_what_the_driver_says() {
+fn snapshot_matches_the_driver_for_every_pin_group_and_remote() {
     let mut driver = driver();
     let mut writer = SnapshotWriter::new(&driver);
     let reader = writer.reader();
@@ -149,7 +149,7 @@ fn is_not_fresh(seen: &Snapshot) {
 }
 
 #[test]
-fn what_a_cycle_that_hangs_has_shown_is_not_valid_and_gets_older() {
+fn snapshot_of_a_hanging_cycle_ages_and_is_not_valid() {
     let mut driver = driver();
     let mut writer = SnapshotWriter::new(&driver);
     let reader = writer.reader();
@@ -169,7 +169,7 @@ fn what_a_cycle_that_hangs_has_shown_is_not_valid_and_gets_older() {
 }
 
 #[test]
-fn a_run_that_ends_or_panics_leaves_nothing_that_looks_valid() {
+fn run_that_ends_or_panics_leaves_nothing_that_looks_valid() {
     let name = "hm2_7i92.0.7i77.0.0.output-03";
     for panics in [false, true] {
         let mut runner = Runner::new(driver());
@@ -249,7 +249,7 @@ fn another_driver_is_not_published_and_its_handles_read_nothing() {
 }
 
 #[test]
-fn a_runner_shows_its_cycles_and_takes_commands_before_the_work() {
+fn runner_shows_its_cycles_and_takes_commands_before_the_work() {
     let mut runner = Runner::new(driver());
     let reader = runner.snapshot();
     let sender = runner.commands(8);

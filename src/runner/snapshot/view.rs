@@ -24,8 +24,8 @@ use crate::sslbp::{RemoteFaults, RemoteName};
 /// snapshot is not [fresh](Self::is_fresh), no pin is valid and no group is armed, whatever the
 /// cycle published last.
 ///
-/// With the feature `serde` it is serialized with all statistics, groups by their numbers, remotes, and
-/// pins by their names. What does not change, [`infos`](Self::infos) describes.
+/// With the feature `serde` it is serialized with all statistics, groups by their numbers, remotes,
+/// and pins by their names. What does not change, [`infos`](Self::infos) describes.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
     pub(super) shared: Arc<SnapshotBuffer>,
@@ -68,7 +68,8 @@ pub struct RemoteSnapshot {
     pub restarts: u64,
 }
 
-/// The state of the machine in a line: `cycle 5021: the board runs, groups armed: 3 of 5, re-arm pending: 1`.
+/// The state of the machine in a line: `cycle 5021: the board runs, groups armed: 3 of 5, re-arm
+/// pending: 1`.
 impl fmt::Display for Snapshot {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let number = self.cycle();

@@ -203,7 +203,7 @@ mod tests {
     /// The rows of gateware transcript t10: DATA bit and CS after each DOIT, with an idle interval
     /// between them, and the expected verdict.
     #[test]
-    fn recorded_wire_faults_are_told_apart() {
+    fn recorded_wire_faults_are_distinguished() {
         let good = TransferResult::Good;
         let failed = TransferResult::Failed;
         let mut link = ChannelLink::new();
@@ -250,7 +250,7 @@ mod tests {
 
     /// Gateware transcript u06, read before and after the timeout, and the overrun of FACTS 11.8.
     #[test]
-    fn a_line_held_low_is_told_as_that_and_an_overrun_changes_nothing() {
+    fn low_line_is_reported_as_a_break_with_or_without_overrun() {
         let low = TransferResult::Failed(Failure::Break);
         let lost = TransferResult::Failed(Failure::NoReply);
         for overrun in [0, 0x04] {
@@ -273,7 +273,7 @@ mod tests {
 
     /// FACTS 11.8.
     #[test]
-    fn an_overrun_hides_no_kind_and_is_one_only_by_itself() {
+    fn overrun_hides_no_kind_and_is_one_only_by_itself() {
         let failed = TransferResult::Failed;
         assert_eq!(last_failure(&[0x0043_2004]), failed(Failure::Overrun));
         assert_eq!(
@@ -295,7 +295,7 @@ mod tests {
 
     /// Gateware transcript t11: DATA stays 00.
     #[test]
-    fn a_fault_byte_comes_with_good_data_and_every_bit_of_it_counts() {
+    fn fault_byte_comes_with_good_data_and_every_bit_of_it_counts() {
         for bit in 0..8 {
             let verdict = ChannelLink::new().judge(cs(0x0042_2140 | 1 << (24 + bit)), false);
             let faults = RemoteFaults::from_bits_retain(1 << bit);
@@ -305,7 +305,7 @@ mod tests {
 
     /// FACTS 3.7: an earlier fault byte stays there until the first transfer after START.
     #[test]
-    fn a_fault_is_seen_behind_a_transfer_in_doubt_but_not_one_from_before_start() {
+    fn fault_in_a_doubtful_transfer_counts_unless_from_before_start() {
         let faulty = cs(0x0842_2140);
         let over_current = TransferResult::Faulty(RemoteFaults::OVER_CURRENT);
         let mut link = ChannelLink::new();
@@ -319,7 +319,7 @@ mod tests {
 
     /// FACTS 5.5: DATA reads 0 for a channel that was stopped.
     #[test]
-    fn a_channel_that_does_not_run_has_no_data_whatever_data_says() {
+    fn stopped_channel_has_no_data_although_data_reads_0() {
         for word in [0x0000_C100, 0x0040_0000, 0x0001_E188, 0x0024_A1C0] {
             let verdict = ChannelLink::new().judge(cs(word), false);
             assert_eq!(

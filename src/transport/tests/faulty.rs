@@ -28,7 +28,7 @@ fn each_kind_is_injected_at_the_exchange_that_was_named() {
 }
 
 #[test]
-fn a_write_that_is_lost_silently_is_told_with_the_next_reply() {
+fn silently_lost_write_is_reported_with_the_next_reply() {
     let mut bus = Faulty::new(Memory::default(), 1);
     bus.fail_at(0, Fault::AckedButLost);
     bus.fail_at(1, Fault::AckedButLost);
@@ -47,7 +47,7 @@ fn a_write_that_is_lost_silently_is_told_with_the_next_reply() {
 
 /// The set-up reads a value again while `doubts` grows, so plain exchanges have to count them too.
 #[test]
-fn a_write_that_is_lost_silently_is_a_doubt_of_the_next_plain_read() {
+fn silently_lost_write_is_a_doubt_of_the_next_plain_read() {
     let mut bus = Faulty::new(Memory::default(), 1);
     bus.fail_at(0, Fault::AckedButLost);
     bus.write(0x1000, 5).unwrap();
@@ -61,7 +61,7 @@ fn a_write_that_is_lost_silently_is_a_doubt_of_the_next_plain_read() {
 }
 
 #[test]
-fn a_list_is_held_by_the_bus_inside_and_fails_as_a_whole() {
+fn list_is_held_by_the_bus_inside_and_fails_as_a_whole() {
     let mut bus = Faulty::new(Memory::default(), 1);
     bus.inner.words.insert(0x1000, 7);
     assert!(bus.can_hold());
@@ -109,7 +109,7 @@ fn faults_come_as_often_as_asked_for_and_stop_when_healed() {
 
 proptest! {
     #[test]
-    fn the_same_seed_makes_the_same_faults(seed: u64) {
+    fn same_seed_makes_the_same_faults(seed: u64) {
         let run = || {
             let mut bus = Faulty::new(Memory::default(), seed);
             bus.fail_randomly(Fault::Executed(BusErrorKind::Short), 0.3);

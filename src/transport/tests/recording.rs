@@ -44,7 +44,7 @@ fn every_word_is_logged_with_time_and_value() {
 }
 
 #[test]
-fn a_list_is_logged_when_its_reply_is_taken() {
+fn list_is_logged_when_its_reply_is_taken() {
     let mut bus = recording(10);
     let list = bus.prepare(&[Access::read(0x1000, 0, 1)], None).unwrap();
     bus.start(&list, &[0]).unwrap();
@@ -55,7 +55,7 @@ fn a_list_is_logged_when_its_reply_is_taken() {
 }
 
 #[test]
-fn a_failed_exchange_is_one_line_and_passed_on() {
+fn failed_exchange_is_one_line_and_passed_on() {
     let mut bus = recording(10);
     bus.inner.fail_next = true;
     assert_eq!(bus.read(0x0100), Err(MEMORY_ERROR));
@@ -85,7 +85,7 @@ fn frozen_log_keeps_its_entries_until_it_is_resumed() {
 
 proptest! {
     #[test]
-    fn the_log_keeps_the_last_words_in_order(capacity in 1usize..20, total in 0u32..60) {
+    fn log_keeps_the_last_words_in_order(capacity in 1usize..20, total in 0u32..60) {
         let mut bus = recording(capacity);
         for value in 0..total {
             bus.write(0x1000, value).unwrap();

@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_reply_is_taken_once_and_only_by_its_own_request() {
+    fn reply_is_taken_once_and_only_by_its_own_request() {
         let mut requests = Requests {
             newest: u32::MAX - 1,
             ..Requests::default()
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reply_to_a_given_up_request_is_late_once_and_never_current() {
+    fn reply_to_a_given_up_request_is_late_once_and_never_current() {
         let mut requests = Requests::default();
         let first = requests.open();
         let second = requests.open();
@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn a_forgotten_request_is_stale_and_a_number_never_sent_is_foreign() {
+    fn forgotten_request_is_stale_and_unsent_number_is_foreign() {
         let mut requests = Requests::default();
         let first = requests.open();
         assert_eq!(requests.classify(first.wrapping_add(1)), Match::Foreign);

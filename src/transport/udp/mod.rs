@@ -158,8 +158,8 @@ impl<L: PacketLink> UdpBus<L> {
     /// A board executes packets from any sender, and two programs that drive the same board cause
     /// movements that neither has commanded. So the board is only watched at first, and nothing is
     /// written if another host drives it ([`check_alone`](Self::check_alone)). A sender that starts
-    /// later is detected in the cycle: [`BusStatistics::foreign_packets`]. [`UdpConfig::beside_others`]
-    /// disables both checks.
+    /// later is detected in the cycle: [`BusStatistics::foreign_packets`].
+    /// [`UdpConfig::beside_others`] disables both checks.
     pub fn new(link: L, config: UdpConfig) -> Result<Self, BusError> {
         let mut bus = Self::unasked(link, config);
         bus.check_alone()?;

@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn who_sends_100_packets_a_second_is_noticed_in_every_second() {
+    fn second_master_at_100_packets_per_s_is_detected_every_second() {
         for every in [1, 5, 10] {
             let mut board = Board::new(65_000, u64::from(u32::MAX) - 500);
             let noticed: Vec<_> = (0..3000)
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_burst_of_somebody_who_looks_at_the_board_is_nothing() {
+    fn short_burst_of_queries_is_not_a_second_master() {
         let mut board = Board::new(0, 0);
         // As `mesaflash --readhmid`, and ten times as many.
         assert!((0..10_000).all(|n| board.cycle(if n % 1000 < 12 { 15 } else { 0 }).is_none()));
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pause_makes_no_difference() {
+    fn pause_makes_no_difference() {
         let mut board = Board::new(0, 0);
         for _ in 0..10 {
             // Another host used the board in the meantime and has stopped.
@@ -194,7 +194,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_board_that_is_reset_is_not_taken_for_somebody_else(
+        fn board_reset_is_not_taken_for_a_second_master(
             resets in prop::collection::vec((any::<u16>(), 0..400_u16), 1..30),
         ) {
             let mut board = Board::new(60_000, 0);
@@ -210,7 +210,7 @@ mod tests {
         }
 
         #[test]
-        fn packets_that_are_lost_or_come_late_or_twice_are_not_somebody_elses(
+        fn lost_late_or_duplicate_packets_are_not_a_second_master(
             first in any::<u16>(),
             loses in 0..8_u32, delays in 0..8_u32, doubles in 0..=8_u32,
             dice in prop::collection::vec(any::<[u32; 3]>(), 2500),

@@ -154,7 +154,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_option_that_the_host_does_not_allow_is_named_and_no_other() {
+    fn option_that_the_host_does_not_allow_is_named_and_no_other() {
         let options = [("ONE", false), ("TWO", true), ("THREE", false)];
         let options = options.map(|(name, is_set)| SocketOption { name, is_set });
         assert_eq!(refused(options), ["ONE", "THREE"]);
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn a_receive_ends_at_its_deadline_or_with_a_datagram() {
+    fn receive_ends_at_its_deadline_or_with_a_datagram() {
         let board = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         let SocketAddr::V4(address) = board.local_addr().unwrap() else {
             panic!("an IPv4 socket");

@@ -34,7 +34,7 @@ impl Cycle {
 }
 
 #[test]
-fn neighbours_share_a_command_and_the_packet_is_as_short_as_it_can_be() {
+fn adjacent_reads_share_a_command_in_the_shortest_packet() {
     let mut bus = bus();
     let accesses = [
         Access::read(0x5D00, 3, 2),
@@ -50,7 +50,7 @@ fn neighbours_share_a_command_and_the_packet_is_as_short_as_it_can_be() {
 }
 
 #[test]
-fn a_block_of_more_than_127_registers_takes_a_second_command() {
+fn block_of_more_than_127_registers_takes_a_second_command() {
     let mut bus = bus();
     let list = bus.prepare(&[Access::read(0x0400, 0, 256)], None).unwrap();
     let mut words = [0; 256];
@@ -60,7 +60,7 @@ fn a_block_of_more_than_127_registers_takes_a_second_command() {
 }
 
 #[test]
-fn lists_that_fit_no_packet_or_no_buffer_are_refused_when_they_are_prepared_or_run() {
+fn oversized_lists_are_refused_when_prepared_or_run() {
     let mut bus = bus();
     let error = bus.prepare(&[Access::read(0, 0, 400)], None).unwrap_err();
     assert!(
@@ -83,7 +83,7 @@ fn lists_that_fit_no_packet_or_no_buffer_are_refused_when_they_are_prepared_or_r
 }
 
 #[test]
-fn the_last_word_of_all_buffers_has_a_place_and_the_one_behind_it_is_refused() {
+fn last_buffer_word_is_accepted_and_the_next_is_refused() {
     let mut bus = bus();
     let mut words = vec![0; 0xFFFF];
     for access in [Access::read, Access::write] {
@@ -98,7 +98,7 @@ fn the_last_word_of_all_buffers_has_a_place_and_the_one_behind_it_is_refused() {
 }
 
 #[test]
-fn a_lost_reply_is_an_error_that_says_so_and_the_words_stay() {
+fn lost_reply_is_reported_and_leaves_the_words_unchanged() {
     let mut bus = bus();
     let cycle = Cycle::new(&mut bus);
     bus.link().replies = vec![Fate::Lost];
@@ -112,7 +112,7 @@ fn a_lost_reply_is_an_error_that_says_so_and_the_words_stay() {
 }
 
 #[test]
-fn a_flood_of_datagrams_does_not_keep_an_exchange_beyond_its_deadline() {
+fn datagram_flood_does_not_extend_an_exchange_past_its_deadline() {
     let mut bus = bus();
     let cycle = Cycle::new(&mut bus);
     bus.link().flooded = Some(20);
@@ -128,7 +128,7 @@ fn a_flood_of_datagrams_does_not_keep_an_exchange_beyond_its_deadline() {
 }
 
 #[test]
-fn who_answers_with_less_than_a_number_is_said_to_be_there_and_to_be_no_board() {
+fn short_replies_are_reported_as_not_from_a_mesa_board() {
     for length in [0, 1, 3, 4, 10, 64] {
         let network = Network {
             flooded: Some(length),
@@ -148,7 +148,7 @@ fn who_answers_with_less_than_a_number_is_said_to_be_there_and_to_be_no_board() 
 }
 
 #[test]
-fn a_datagram_longer_than_a_packet_is_no_reply_and_the_true_one_behind_it_is_taken() {
+fn oversized_datagram_is_skipped_and_the_true_reply_is_taken() {
     for longer in [1472, 1996, 2100, 60_000] {
         let mut bus = bus();
         let cycle = Cycle::new(&mut bus);
@@ -162,7 +162,7 @@ fn a_datagram_longer_than_a_packet_is_no_reply_and_the_true_one_behind_it_is_tak
 }
 
 #[test]
-fn a_reply_with_more_bytes_than_were_asked_for_is_not_taken() {
+fn reply_with_more_bytes_than_were_asked_for_is_not_taken() {
     for longer in [4, 8, 100, 1400] {
         let mut bus = bus();
         let cycle = Cycle::new(&mut bus);
@@ -178,7 +178,7 @@ fn a_reply_with_more_bytes_than_were_asked_for_is_not_taken() {
 }
 
 #[test]
-fn a_board_that_somebody_else_drives_is_left_to_him() {
+fn board_driven_by_a_second_master_is_refused() {
     // A cycle of 1 kHz is two packets a millisecond, one of 100 Hz one in 5 ms.
     for every in [250_000, 500_000, 5_000_000] {
         let network = Network {
@@ -198,7 +198,7 @@ fn a_board_that_somebody_else_drives_is_left_to_him() {
 }
 
 #[test]
-fn a_board_is_looked_at_before_a_register_of_it_is_changed() {
+fn board_is_looked_at_before_a_register_of_it_is_changed() {
     let mut network = Network {
         other_host: Some(500_000),
         ..Network::default()
@@ -212,7 +212,7 @@ fn a_board_is_looked_at_before_a_register_of_it_is_changed() {
 }
 
 #[test]
-fn lost_and_duplicate_packets_are_not_taken_for_somebody_elses() {
+fn lost_and_duplicate_packets_are_not_a_second_master() {
     let fates = [
         vec![Fate::Doubled(10_000, 20_000); 4],
         vec![GOOD, Fate::Lost, Fate::Doubled(10_000, 300_000), Fate::Lost],
@@ -231,7 +231,7 @@ fn lost_and_duplicate_packets_are_not_taken_for_somebody_elses() {
 }
 
 #[test]
-fn who_asks_for_it_may_talk_to_a_board_beside_somebody_else() {
+fn bus_beside_others_opens_on_a_board_with_a_master() {
     let network = Network {
         other_host: Some(500_000),
         ..Network::default()
@@ -244,7 +244,7 @@ fn who_asks_for_it_may_talk_to_a_board_beside_somebody_else() {
 }
 
 #[test]
-fn a_late_reply_is_counted_late_and_never_taken_by_the_next_request() {
+fn late_reply_is_counted_and_never_taken_by_the_next_request() {
     let mut bus = bus();
     let cycle = Cycle::new(&mut bus);
     bus.link().replies = vec![Fate::Arrives(900_000)];
@@ -258,7 +258,7 @@ fn a_late_reply_is_counted_late_and_never_taken_by_the_next_request() {
 }
 
 #[test]
-fn a_duplicate_reply_is_counted_and_taken_once() {
+fn duplicate_reply_is_counted_and_taken_once() {
     let mut bus = bus();
     let cycle = Cycle::new(&mut bus);
     bus.link().replies = vec![Fate::Doubled(10_000, 20_000)];
@@ -284,7 +284,7 @@ fn only_stale_replies_until_the_deadline_is_an_error_of_its_own() {
 }
 
 #[test]
-fn a_short_reply_is_counted_and_not_taken() {
+fn short_reply_is_counted_and_not_taken() {
     let mut bus = bus();
     let cycle = Cycle::new(&mut bus);
     bus.link().replies = vec![Fate::Cut(10_000, 4)];
@@ -295,7 +295,7 @@ fn a_short_reply_is_counted_and_not_taken() {
 }
 
 #[test]
-fn a_lost_write_is_said_by_the_next_read_once() {
+fn lost_write_is_reported_once_by_the_next_read() {
     let mut bus = bus();
     let cycle = Cycle::new(&mut bus);
     let mut words = [0, 0, 42];
@@ -313,7 +313,7 @@ fn a_lost_write_is_said_by_the_next_read_once() {
 }
 
 #[test]
-fn the_power_is_doubted_only_if_no_reply_came_at_all() {
+fn power_is_doubted_only_if_no_reply_came_at_all() {
     let gave_up = |last| BusError::GaveUp {
         request: 1,
         tries: 10,
@@ -328,7 +328,7 @@ fn the_power_is_doubted_only_if_no_reply_came_at_all() {
 }
 
 #[test]
-fn an_unreachable_board_is_said_after_a_bounded_number_of_tries() {
+fn unreachable_board_is_reported_after_a_bounded_count_of_tries() {
     let network = Network {
         requests: vec![Fate::Lost; 100],
         ..Network::default()
@@ -376,7 +376,7 @@ fn set_up_repeats_what_was_lost_and_nothing_that_was_executed() {
 }
 
 #[test]
-fn numbers_that_an_earlier_program_left_are_not_taken_for_writes_that_were_executed() {
+fn numbers_of_an_earlier_program_do_not_confirm_writes() {
     // LinuxCNC counts there in 32 bits, whose upper half stays small for hours (FACTS 10.1); an
     // earlier bus used the same numbers as this one.
     for left in 0..9 {
@@ -435,7 +435,7 @@ proptest! {
     }
 
     #[test]
-    fn whatever_the_network_does_a_word_is_the_boards_answer_to_this_very_request(
+    fn words_on_any_network_are_the_reply_to_their_own_request(
         requests in prop::collection::vec(prop_oneof![2 => Just(GOOD), 1 => fate().prop_filter(
             "a board ignores a cut request", |f| !matches!(f, Fate::Cut(..)))], 1..60),
         replies in prop::collection::vec(prop_oneof![2 => Just(GOOD), 1 => fate()], 1..60),

@@ -18,8 +18,8 @@ const LONG: u64 = 30 * MILLI;
 /// Counts in a time in which an encoder can have moved by 32768, one way or the other.
 const AMBIGUOUS: f64 = 32_768.0;
 
-/// After a time without a read in which a motor makes this part of them, an encoder may have doubts: it
-/// may have begun to turn shortly before.
+/// After a time without a read in which a motor makes this part of them, an encoder may have
+/// doubts: it may have begun to turn shortly before.
 const LIKELY: f64 = 0.02;
 
 /// Reads after a set-up in which a packet of it may come again.
@@ -113,14 +113,14 @@ impl Encoder {
         self.zero.is_some()
     }
 
-    /// The driver has read it by itself, or can no longer report the time of the read: the shortest time
-    /// between two reads, which limits the error of a velocity, is not known.
+    /// The driver has read it by itself, or can no longer report the time of the read: the shortest
+    /// time between two reads, which limits the error of a velocity, is not known.
     pub(super) fn was_read(&mut self) {
         self.reads = [0; 4];
     }
 
-    /// The board is not set up, or was set up again. With all pins released, the select line is one of
-    /// them.
+    /// The board is not set up, or was set up again. With all pins released, the select line is one
+    /// of them.
     pub(super) fn is_set_up_anew(&mut self, is_released: bool) {
         self.must_doubt |= is_released && self.is_begun && self.is_muxed;
         self.reads_since = 0;
@@ -130,8 +130,8 @@ impl Encoder {
     fn may_begin_to_doubt(&mut self, (pins, plan): (&Pins, &Plan), gap: u64) -> bool {
         let is_recent = self.reads_since < SETTLED;
         self.reads_since += 1;
-        // Without the long filter, the mode of a plain encoder is 0, and a reset does not show in it. It
-        // may still be on its way to the board.
+        // Without the long filter, the mode of a plain encoder is 0, and a reset does not show in
+        // it. It may still be on its way to the board.
         let has_mode = pins.param(self.filter) && self.long_for > WRITTEN;
         // A request for an index is written with the mode, which proves nothing then.
         let may_be_reset = plan.may_be_reset() || !has_mode || self.is_pending;

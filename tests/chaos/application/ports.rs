@@ -26,8 +26,8 @@ impl Application {
         is_on
     }
 
-    /// Requests the time of the watchdog of all remotes of a port: they are started in setup mode before
-    /// the port runs again the next time. Returns true if all of them take it.
+    /// Requests the time of the watchdog of all remotes of a port: they are started in setup mode
+    /// before the port runs again the next time. Returns true if all of them take it.
     pub fn request_watchdogs<B: RegisterBus + Clock>(
         driver: &mut Driver<B>,
         port: usize,
@@ -66,8 +66,8 @@ impl Application {
         })
     }
 
-    /// The remotes whose watchdog times the driver has not read. It assumes the usual time, which may
-    /// be too short for their watchdogs to bite.
+    /// The remotes whose watchdog times the driver has not read. It assumes the usual time, which
+    /// may be too short for their watchdogs to bite.
     pub fn assumed_watchdogs<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Vec<usize> {
         let remotes = self.remotes.iter();
         let assumed = remotes.filter(|remote| {

@@ -48,7 +48,8 @@ pub(super) struct StepAxis {
     silent_looks: u32,
     is_on: bool,
     is_resetting: bool,
-    /// Steps of the motor while the position is 0: the least and the greatest that all reads permit.
+    /// Steps of the motor while the position is 0: the least and the greatest that all reads
+    /// permit.
     zero: Option<[f64; 2]>,
     /// The same before the board was lost, by a bite and nothing else, and the edges since.
     estimate: Option<([f64; 2], u32)>,
@@ -76,8 +77,8 @@ pub struct Jolts {
     pub mistaken_by: u64,
     /// The driver has no reason for doubts.
     pub is_calm: bool,
-    /// The network can repeat a write, or hold it back: a rate of before then moves the motor until the
-    /// next write.
+    /// The network can repeat a write, or hold it back: a rate of before then moves the motor until
+    /// the next write.
     pub has_old_writes: bool,
 }
 
@@ -164,8 +165,8 @@ impl StepAxis {
         true
     }
 
-    /// After arming or parking, commands nothing for some cycles, and changes the meaning of positions
-    /// meanwhile. Returns true in such a cycle.
+    /// After arming or parking, commands nothing for some cycles, and changes the meaning of
+    /// positions meanwhile. Returns true in such a cycle.
     fn is_silent(&mut self, pins: &mut Pins, is_armed: bool, is_wild: bool) -> bool {
         let is_new = is_armed && !std::mem::replace(&mut self.was_armed, is_armed);
         if is_new && self.is_odd && is_wild && self.side.one_in(2) {
@@ -240,8 +241,9 @@ impl StepAxis {
         }
     }
 
-    /// The board has been set up again, or will be: its steps meanwhile are not known. If the last write
-    /// gives another time to the watchdog and the host stalls in it, nobody knows which one was in force.
+    /// The board has been set up again, or will be: its steps meanwhile are not known. If the last
+    /// write gives another time to the watchdog and the host stalls in it, nobody knows which one
+    /// was in force.
     pub(super) fn lost(&mut self, is_retimed: bool, is_reset: bool) {
         self.must_doubt |= self.is_begun;
         let wrong = if is_retimed {

@@ -1,4 +1,5 @@
-//! Properties that were added after [`Steppers`](super::Steppers), again from a random stream of their own.
+//! Properties that were added after [`Steppers`](super::Steppers), again from a random stream of
+//! their own.
 
 use super::{
     Board, FaultKind, FaultPlace, MILLI, More, Plan, Planned, Stranger, WRITTEN_WATCHDOG, scrambled,
@@ -18,13 +19,13 @@ pub struct Later {
     pub leaves_bitten: bool,
     /// Re-arms what runs, and the rest as soon as it does.
     pub when_running: bool,
-    /// Requests a parameter again, with another value, while the first one is written. The faults of wires
-    /// come then.
+    /// Requests a parameter again, with another value, while the first one is written. The faults
+    /// of wires come then.
     pub asks_twice: bool,
     /// Neither reads nor writes for a while before it stops the driver.
     pub idles_before_stop: bool,
-    /// Gives one act for each fault, while it may still be present: re-arms what runs, and the rest as
-    /// soon as it does.
+    /// Gives one act for each fault, while it may still be present: re-arms what runs, and the rest
+    /// as soon as it does.
     pub acts_early: bool,
     /// Looks at a board that waits to be re-armed before each read as well.
     pub follows: bool,
@@ -81,8 +82,8 @@ impl Plan {
         self
     }
 
-    /// Switches its ports off and on again and again, with parameters to write, while the board is reset,
-    /// or while the wires fail.
+    /// Switches its ports off and on again and again, with parameters to write, while the board is
+    /// reset, or while the wires fail.
     fn asks_for_parameters(&mut self, chance: &mut Chance) {
         // A value that changes nothing else.
         self.extras.remote_watchdog = WRITTEN_WATCHDOG.into();
@@ -165,7 +166,8 @@ impl Plan {
         self.run = after;
     }
 
-    /// Nothing but bites of a board whose encoder keeps its long filter, and with that a mode: it is sure.
+    /// Nothing but bites of a board whose encoder keeps its long filter, and with that a mode: it
+    /// is sure.
     fn only_bites(&mut self, chance: &mut Chance) {
         self.extras.second_master = false;
         self.extras.stranger = Stranger::None;

@@ -13,8 +13,8 @@ pub struct Steppers {
     pub acceleration: f64,
     /// They are those of a 7I76, with Mesa's firmware for the board and this card.
     pub is_7i76: bool,
-    /// The application changes scales, and does not command anything for some cycles after arming, in
-    /// which it resets positions.
+    /// The application changes scales, and does not command anything for some cycles after arming,
+    /// in which it resets positions.
     pub is_odd: bool,
     /// The process asks for a period that is refused, before its first write.
     pub is_refused: bool,

@@ -1,4 +1,5 @@
-//! Acts during a fault: `rearm_when_running` covers what was known when it was given, and nothing later.
+//! Acts during a fault: `rearm_when_running` covers what was known when it was given, and nothing
+//! later.
 
 use mesa_hal::driver::{BoardState, Driver};
 
@@ -46,8 +47,9 @@ impl Scenario {
         self.plan.later.acts_early && begun > 0 && begun == self.acts.covered
     }
 
-    /// At the end of a cycle: while the faults that have begun are covered by an act, all groups are armed
-    /// or come, and each is armed when it runs; without an act, none is armed that was not.
+    /// At the end of a cycle: while the faults that have begun are covered by an act, all groups
+    /// are armed or come, and each is armed when it runs; without an act, none is armed that was
+    /// not.
     pub(super) fn acts_cover<B: Host>(
         &mut self,
         driver: &Driver<B>,
@@ -57,8 +59,8 @@ impl Scenario {
             return Ok(());
         }
         let now = self.sim.now();
-        // While an FPGA has no configuration, nothing answers: that it was reset is found afterwards, and
-        // ends the act.
+        // While an FPGA has no configuration, nothing answers: that it was reset is found
+        // afterwards, and ends the act.
         let (acts, resets) = (&mut self.acts, self.what_is_told.resets_heard);
         let is_found = acts.without_bus.take_if(|before| *before < resets);
         if is_found.is_some() {

@@ -198,8 +198,8 @@ impl Scenario {
         Ok(())
     }
 
-    /// Goes on with requests, and with one fault of a wire after the other: each time all remotes have the
-    /// values that were requested last.
+    /// Goes on with requests, and with one fault of a wire after the other: each time all remotes
+    /// have the values that were requested last.
     pub(super) fn asks_in_rounds<B: Host>(&mut self, process: &mut Process<B>) -> Checked {
         while let Some(fault) = self.in_writes.pop() {
             self.in_write = Some(fault);

@@ -8,8 +8,8 @@ use super::super::network::Host;
 use super::super::oracle::{Checked, Promise, ensure};
 use super::Scenario;
 
-/// Reads after the start, or after a set-up before their end, in which there is no position yet that could
-/// be lost; and some more or less, since the driver counts its own.
+/// Reads after the start, or after a set-up before their end, in which there is no position yet
+/// that could be lost; and some more or less, since the driver counts its own.
 const YOUNG: u32 = 100;
 const ROUGH: u32 = 10;
 /// Reads after which a generator that is on and armed since has used its position.
@@ -185,8 +185,8 @@ impl Doubts {
 }
 
 impl Scenario {
-    /// After a read: `good` if it succeeded. Each loss of a position is reported with the read that shows
-    /// it, once, and again after each set-up.
+    /// After a read: `good` if it succeeded. Each loss of a position is reported with the read that
+    /// shows it, once, and again after each set-up.
     pub(super) fn losses_are_told<B: Host>(&mut self, driver: &Driver<B>, good: bool) -> Checked {
         let now = self.sim.now();
         let (pins, doubts) = (driver.pins(), &mut self.doubts);

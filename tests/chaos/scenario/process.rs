@@ -245,8 +245,8 @@ impl Scenario {
         self.all_goes_off(&application, left.as_deref())
     }
 
-    /// Leaves a sound machine alone before it is stopped, for longer than the times of its watchdogs.
-    /// Returns true if its outputs are known to be off by then.
+    /// Leaves a sound machine alone before it is stopped, for longer than the times of its
+    /// watchdogs. Returns true if its outputs are known to be off by then.
     fn idles<B: Host>(
         &mut self,
         driver: &Driver<B>,

@@ -18,8 +18,8 @@ pub(super) struct Told {
     heard: Vec<Event>,
     /// Number of resets among all events.
     pub(super) resets_heard: u32,
-    /// The lost positions among all events since they were judged: their kind, the number of bit 0, and
-    /// the mask.
+    /// The lost positions among all events since they were judged: their kind, the number of bit 0,
+    /// and the mask.
     pub(super) unsure: Vec<(Positions, u32, u32)>,
     state: Option<BoardState>,
     reads: u64,

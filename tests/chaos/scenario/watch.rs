@@ -39,7 +39,8 @@ impl Scenario {
         })
     }
 
-    /// Notes that all pins are released, or driven again. A copy of a packet can do both without a fault.
+    /// Notes that all pins are released, or driven again. A copy of a packet can do both without a
+    /// fault.
     fn releases(&mut self, what: What) {
         match what {
             What::Opened => self.has_open_pins = true,
@@ -54,8 +55,8 @@ impl Scenario {
         }
     }
 
-    /// True if pins were released, of a board that is not set up or was set up again; and if they were
-    /// before the last set-up.
+    /// True if pins were released, of a board that is not set up or was set up again; and if they
+    /// were before the last set-up.
     pub(super) fn are_released<B: Host>(&mut self, driver: &Driver<B>) -> (bool, bool) {
         let (is_released, is_set_up) = &mut self.released;
         let is_set_up = std::mem::take(is_set_up);
@@ -173,7 +174,8 @@ impl Scenario {
         })
     }
 
-    /// Checks a board that has bitten and is left alone: its lines are dead, so none of its remotes runs.
+    /// Checks a board that has bitten and is left alone: its lines are dead, so none of its remotes
+    /// runs.
     pub(super) fn left_alone<B: Host>(
         &mut self,
         driver: &Driver<B>,

@@ -43,7 +43,7 @@ fn each_kind_of_damage_has_its_own_error() {
 
 /// The place of the record among the process data is certain, so that the remote can run.
 #[test]
-fn what_is_odd_about_a_record_is_told_and_the_record_is_used() {
+fn odd_record_is_reported_and_used() {
     for (record, text) in [
         (
             data(8, 0x99, 0, [0.0, 1.0], "x"),
@@ -72,7 +72,7 @@ fn what_is_odd_about_a_record_is_told_and_the_record_is_used() {
 /// A remote that shows other contents in the place of its tables, such as erased or zeroed memory,
 /// must not run without pins.
 #[test]
-fn a_remote_that_transfers_data_but_lists_none_is_a_problem() {
+fn remote_that_transfers_data_but_lists_none_is_a_problem() {
     let (mut image, remote) = with_records(&[], 5, 2);
     let found = run(&mut image, &remote);
     let sizes = ProblemKind::Sizes {
@@ -90,7 +90,7 @@ fn a_remote_that_transfers_data_but_lists_none_is_a_problem() {
 
 /// Manual: 7I77, "DATA_LENGTH": up to 255 bits, but the registers have 96.
 #[test]
-fn process_data_that_does_not_fit_is_reported_for_each_direction() {
+fn oversized_process_data_is_reported_for_each_direction() {
     let wide = |direction| {
         let name = if direction == 0x00 {
             "wide in"
@@ -142,7 +142,7 @@ fn process_data_that_does_not_fit_is_reported_for_each_direction() {
 }
 
 #[test]
-fn a_table_that_loops_or_never_ends_is_cut_off() {
+fn table_that_loops_or_never_ends_is_cut_off() {
     let mut image = Image::default();
     image.put(0x1000, &good());
     image.put_words(0x100, &[0x1000, 0x1000, 0]);
@@ -163,7 +163,7 @@ fn a_table_that_loops_or_never_ends_is_cut_off() {
 }
 
 #[test]
-fn a_record_at_the_end_of_the_address_space_is_an_error() {
+fn record_at_the_end_of_the_address_space_is_an_error() {
     let mut image = Image::default();
     image.put(0xFFF0, &data(8, 2, 0, [0.0, 1.0], "long name")[..16]);
     image.put_words(0x100, &[0xFFF0, 0]);
@@ -173,7 +173,7 @@ fn a_record_at_the_end_of_the_address_space_is_an_error() {
 
 /// A remote whose memory ends in the middle of a double is read with smaller accesses.
 #[test]
-fn the_last_bytes_of_a_memory_are_read_one_by_one() {
+fn last_bytes_of_a_memory_are_read_one_by_one() {
     let mut image = Image::default();
     let record = good();
     let end = 0x1000 + record.len() as u16;
@@ -186,7 +186,7 @@ fn the_last_bytes_of_a_memory_are_read_one_by_one() {
 }
 
 #[test]
-fn a_read_that_fails_costs_its_record_only() {
+fn read_that_fails_costs_its_record_only() {
     let (mut image, remote) = with_records(&[good(), good(), good()], 13, 12);
     image.missing = Some(0x1204..=0x1205);
     let found = run(&mut image, &remote);
@@ -198,7 +198,7 @@ fn a_read_that_fails_costs_its_record_only() {
 }
 
 #[test]
-fn a_remote_that_is_gone_is_given_up_soon() {
+fn remote_that_is_gone_is_given_up_soon() {
     let mut image = Image {
         missing: Some(0..=0xFFFF),
         ..Image::default()
@@ -216,7 +216,7 @@ fn a_remote_that_is_gone_is_given_up_soon() {
 
 /// Of a hundred unreadable records, four are tried.
 #[test]
-fn giving_up_is_said_once() {
+fn abandoned_discovery_is_reported_once() {
     let mut image = Image::default();
     let words: Vec<u16> = (0..100).map(|n| 0x2000 + 0x40 * n).collect();
     image.put_words(0x100, &words);

@@ -114,7 +114,7 @@ pub fn follow<B: World>(machine: &mut Machine<B>) -> f64 {
 }
 
 #[test]
-fn six_position_loops_are_closed_on_the_boards_own_outputs_and_encoders() {
+fn six_position_loops_close_on_the_boards_outputs_and_encoders() {
     let mut machine = board();
     let worst = follow(&mut machine);
     assert!(worst < 0.1, "{worst}");
@@ -132,7 +132,7 @@ fn six_position_loops_are_closed_over_ethernet() {
 }
 
 #[test]
-fn a_cycle_with_three_remotes_is_smaller_than_that_of_linuxcnc() {
+fn cycle_with_three_remotes_is_smaller_than_that_of_linuxcnc() {
     let mut machine = started(ethernet::bus(machines::six_axes_7i97(Motor::default())));
     assert!(machine.driver.missing().is_empty());
     let lists = machine.driver.lists();
@@ -167,7 +167,7 @@ fn a_cycle_with_three_remotes_is_smaller_than_that_of_linuxcnc() {
 }
 
 #[test]
-fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
+fn outputs_are_safe_after_a_bite_and_rearm_restores_settings() {
     for fpga in both_firmwares() {
         let output = GpioConfig {
             output: true,
@@ -254,7 +254,7 @@ fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
 }
 
 #[test]
-fn a_setting_whose_write_was_lost_is_written_again() {
+fn setting_whose_write_was_lost_is_written_again() {
     let lose = Rc::new(Cell::new(false));
     let bus = {
         let fpga = machines::six_axes_7i97(Motor::default());

@@ -74,7 +74,7 @@ fn machine_7i97() -> Driver<SimFpga> {
 }
 
 #[test]
-fn a_7i92_with_a_7i77_and_a_7i72_has_exactly_the_pins_that_are_written() {
+fn board_7i92_with_7i77_and_7i72_has_exactly_the_manifest_pins() {
     let made = made(machine_7i92().pins());
     let written = manifest(include_str!("../../manifests/7i92-7i77-7i72.txt"));
     assert_eq!(differences(&made, &written), Vec::<String>::new());
@@ -90,7 +90,7 @@ fn a_7i97_has_exactly_the_pins_that_are_written() {
 }
 
 #[test]
-fn the_order_of_the_list_is_the_same_in_every_run() {
+fn order_of_the_list_is_the_same_in_every_run() {
     let [one, other] = [machine_7i92(), machine_7i92()];
     let names = |driver: &Driver<SimFpga>| {
         let infos = driver.pins().infos().iter();

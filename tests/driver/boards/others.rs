@@ -126,7 +126,7 @@ fn each_card_on_a_7i92_has_its_own_encoders() {
 
 /// A board without the card's pins, and a card of which a part is missing.
 #[test]
-fn a_card_that_is_not_there_is_no_card() {
+fn card_that_is_not_there_is_no_card() {
     let driver = started(machines::six_axes_7i97(Motor::default()));
     let error = driver
         .attach_card::<I7i77>((0, 0))
@@ -152,7 +152,7 @@ fn a_card_that_is_not_there_is_no_card() {
 
 /// Muxed encoders of version 3 at 3500, PWM at 4000, serial ports at 5A00.
 #[test]
-fn firmware_of_2016_is_driven_where_its_descriptors_say() {
+fn firmware_of_2016_is_driven_at_its_descriptor_addresses() {
     let mut driver = started(machines::six_axes_7i80_of_2016(Motor::default()));
     assert_eq!(driver.firmware().warnings, [""; 0]);
     let card: I7i77 = driver.attach_card((0, 0)).expect("a 7I77");
@@ -313,7 +313,7 @@ fn relatives_of_the_7i77_have_the_pins_of_their_modes() {
 }
 
 #[test]
-fn the_spindle_of_a_7i76_has_its_voltage_while_it_is_enabled() {
+fn spindle_of_a_7i76_has_its_voltage_while_it_is_enabled() {
     let mut fpga = SimFpga::new(machines::firmware_serial(&[1]));
     fpga.plug(0, 0, Some(Box::new(FieldIo::i7i76().expect("7I76"))));
     let mut driver = started(fpga);
@@ -349,7 +349,7 @@ fn the_spindle_of_a_7i76_has_its_voltage_while_it_is_enabled() {
 
 /// The stock firmware of a 7I92 lists PWM with 0 instances: nothing to drive.
 #[test]
-fn a_descriptor_without_instances_is_no_module() {
+fn descriptor_without_instances_is_no_module() {
     let fpga = machines::i7i92_with_cards();
     let listed = &fpga.firmware().modules;
     assert!(

@@ -133,7 +133,7 @@ fn cycles(fpga: SimFpga, seed: u64, are_all_touched: bool) -> impl Iterator<Item
 }
 
 #[test]
-fn processing_changed_pins_alone_has_the_same_effect_as_processing_all() {
+fn processing_changed_pins_equals_processing_all_pins() {
     for seed in 1..=4 {
         let board = || match seed % 2 {
             0 => machines::six_axes_7i97(Motor::default()),

@@ -52,7 +52,7 @@ fn cycle(driver: &mut Driver<SimFpga>) {
 
 /// A reader in another thread: whatever it takes, all values are those of one cycle.
 #[test]
-fn a_snapshot_has_the_values_of_the_same_cycle_as_the_boards() {
+fn snapshot_has_the_values_of_the_same_cycle_as_the_boards() {
     let (driver, own) = started();
     let transfers = "hm2_7i92.0.sserial.port-0.transfers";
     let transfers = driver.pins().input::<u64>(transfers).expect("a pin");
@@ -97,7 +97,7 @@ fn a_snapshot_has_the_values_of_the_same_cycle_as_the_boards() {
 }
 
 #[test]
-fn every_type_is_shown_with_its_age_and_nothing_before_it_was_set() {
+fn own_pins_of_any_type_are_invalid_until_set_then_have_an_age() {
     let (mut driver, own) = started();
     let mut writer = SnapshotWriter::new(&driver);
     let reader = writer.reader();
@@ -142,7 +142,7 @@ fn every_type_is_shown_with_its_age_and_nothing_before_it_was_set() {
 }
 
 #[test]
-fn a_pin_of_the_board_shows_nothing_of_the_application() {
+fn pin_of_the_board_shows_nothing_of_the_application() {
     let (mut driver, _) = started();
     cycle(&mut driver);
     let input = driver.pins().input::<bool>("hm2_7i92.0.7i77.0.0.input-00");
@@ -163,7 +163,7 @@ fn a_pin_of_the_board_shows_nothing_of_the_application() {
 }
 
 #[test]
-fn commands_of_another_thread_are_taken_once_and_within_their_limits() {
+fn commands_of_another_thread_are_taken_once_within_limits() {
     let (mut driver, own) = started();
     let mut queue = CommandQueue::new(&driver, 8);
     let sender = queue.sender();
@@ -195,7 +195,7 @@ fn commands_of_another_thread_are_taken_once_and_within_their_limits() {
 }
 
 #[test]
-fn a_scope_is_triggered_by_a_value_of_the_application() {
+fn scope_is_triggered_by_a_value_of_the_application() {
     let (driver, own) = started();
     let trigger = Trigger {
         pin: own.error.into(),

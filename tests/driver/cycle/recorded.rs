@@ -18,7 +18,7 @@ fn text(machine: &Machine<Recorded>) -> String {
 }
 
 #[test]
-fn log_has_the_words_of_the_cycle_with_the_names_of_their_registers() {
+fn log_has_the_words_of_the_cycle_with_register_names() {
     let mut machine = machine(BusLog::new(1_000));
     machine.cycles(3);
     machine.driver.bus_mut().log.resume();

@@ -4,7 +4,7 @@
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, start};
 
 #[test]
-fn inputs_and_outputs_of_three_remotes_arrive_at_the_right_terminals() {
+fn inputs_and_outputs_of_three_remotes_reach_their_terminals() {
     let mut machine = Machine::new();
     assert!(
         machine.driver.missing().is_empty(),
@@ -99,7 +99,7 @@ fn read_modify_write_sees_the_reply_to_its_own_write() {
 }
 
 #[test]
-fn a_wait_for_transfers_ends_at_its_limit() {
+fn wait_for_transfers_ends_at_its_limit() {
     let mut machine = Machine::new();
     machine.cycles(3);
     let _ = machine.driver.read().unwrap();
@@ -111,7 +111,7 @@ fn a_wait_for_transfers_ends_at_its_limit() {
 }
 
 #[test]
-fn serial_ports_and_channels_that_no_board_has_are_refused_and_not_ignored() {
+fn serial_ports_and_channels_that_do_not_exist_are_refused() {
     use mesa_hal::driver::{DriverError, RemoteConfig, SerialConfig};
     use mesa_hal_sim::machines;
 
@@ -137,7 +137,7 @@ fn serial_ports_and_channels_that_no_board_has_are_refused_and_not_ignored() {
 }
 
 #[test]
-fn of_a_firmware_with_more_than_four_serial_ports_four_run() {
+fn firmware_with_more_than_four_serial_ports_runs_four() {
     use mesa_hal::driver::{Driver, DriverError, SerialConfig, Settings};
     use mesa_hal_sim::{SimFpga, gtag, machines};
 

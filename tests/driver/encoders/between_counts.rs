@@ -19,7 +19,7 @@ fn shaft(machine: &mut Machine<SimFpga>) -> f64 {
 }
 
 #[test]
-fn the_interpolated_position_follows_the_shaft_between_counts() {
+fn interpolated_position_follows_the_shaft_between_counts() {
     let mut machine = board();
     let position = machine.input::<f64>("encoder.00.position");
     let interpolated = machine.input::<f64>("encoder.00.position-interpolated");
@@ -55,7 +55,7 @@ fn the_interpolated_position_follows_the_shaft_between_counts() {
 }
 
 #[test]
-fn an_index_leaves_the_count_where_no_clear_on_index_asks() {
+fn index_leaves_the_count_where_no_clear_on_index_asks() {
     let mut machine = board();
     let keeps = machine.output::<bool>("encoder.00.no_clear_on_index");
     let latched = machine.input::<i32>("encoder.00.count-latched");

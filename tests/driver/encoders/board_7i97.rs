@@ -105,7 +105,7 @@ fn turned(machine: &mut Machine<SimFpga>, counts_per_second: f64) -> (f64, f64, 
 /// clock / (3 (n + 2)) with the short filter and clock / (15 (n + 2)) with the long one (FACTS
 /// 12.6), and reports no error beyond.
 #[test]
-fn the_greatest_count_rate_is_published_and_followed_and_its_approach_is_reported() {
+fn max_count_rate_is_published_reached_and_reported_when_near() {
     let mut machine = board();
     let frequency = machine.output::<u32>("encoder.muxed-sample-frequency");
     let watched = machine.output::<bool>("encoder.05.quad-error-enable");
@@ -147,7 +147,7 @@ fn the_greatest_count_rate_is_published_and_followed_and_its_approach_is_reporte
 }
 
 #[test]
-fn a_quadrature_error_is_reported_until_its_detection_is_disabled() {
+fn quadrature_error_is_reported_until_its_detection_is_disabled() {
     let mut machine = board();
     let watched = machine.output::<bool>("encoder.02.quad-error-enable");
     let quad_error = machine.input::<bool>("encoder.02.quad-error");
@@ -176,7 +176,7 @@ fn a_quadrature_error_is_reported_until_its_detection_is_disabled() {
 }
 
 #[test]
-fn a_probe_that_the_firmware_does_not_have_latches_nothing_and_is_counted_as_refused() {
+fn absent_probe_latches_no_count_and_is_counted_as_refused() {
     let mut machine = board();
     let encoder = machine.cards.encoders[0];
     let probe = machine.output::<bool>("encoder.00.probe-enable");
@@ -197,7 +197,7 @@ fn a_probe_that_the_firmware_does_not_have_latches_nothing_and_is_counted_as_ref
 }
 
 #[test]
-fn a_scale_of_0_is_refused_and_the_position_goes_on_with_the_one_before() {
+fn scale_of_0_is_refused_and_the_previous_scale_stays_in_use() {
     let mut machine = board();
     let encoder = machine.cards.encoders[1];
     machine.set_param(encoder.scale, 8.0);
@@ -259,7 +259,7 @@ fn counts_follow_the_motor_across_many_wraps_of_the_counter() {
 }
 
 #[test]
-fn velocities_are_right_from_a_count_in_ten_cycles_to_thousands_in_one() {
+fn velocity_is_right_from_0_1_to_thousands_of_counts_per_cycle() {
     for velocity in [0.1, -0.45, 3.0, 250.0, -1_500.0] {
         let mut machine = board();
         scaled(&mut machine);

@@ -182,7 +182,7 @@ fn no_delayed_duplicate_or_lost_write_makes_a_false_zero() {
 /// A shaft that swings over one index only, while another setting changes in every cycle, with
 /// which the control words are written again; the application works between read and write.
 #[test]
-fn an_index_is_not_missed_where_the_settings_are_written_again_as_it_passes() {
+fn index_is_not_missed_while_settings_are_rewritten() {
     for work in [50, 300, 600, 900_u64] {
         let mut driver = machine(PER_TURN);
         let (pins, hires_timestamp) = {
@@ -290,7 +290,7 @@ fn turn_all(driver: &mut Machine, speed: f64, disturbance: Disturbance, cycle: u
 /// Five axes home simultaneously, move away by more than 16 bits count, and home again in the same
 /// direction. Their marks are a million counts apart: nothing but the mark at 0 is near.
 #[test]
-fn an_index_is_not_found_65536_counts_from_the_mark_whatever_is_written_there() {
+fn index_is_never_found_65536_counts_from_the_mark() {
     for disturbance in [
         Disturbance::Nothing,
         Disturbance::LostWrites,

@@ -313,7 +313,7 @@ fn all_is_as_written(
 }
 
 #[test]
-fn the_events_of_each_fault_are_what_happened_in_its_order() {
+fn events_of_each_fault_are_what_happened_in_its_order() {
     let is_in = |place| place != FaultPlace::Network;
     all_is_as_written("faults.txt", is_in, |kind| {
         let mut story = Story::of(Machine::on(Faulty::new(fpga(), 7), |_| {}));
@@ -331,7 +331,7 @@ fn the_events_of_each_fault_are_what_happened_in_its_order() {
 }
 
 #[test]
-fn a_port_that_is_switched_off_and_on_has_events_for_each_of_its_remotes() {
+fn port_switched_off_and_on_has_events_for_each_remote() {
     let mut story = Story::of(Machine::on(Faulty::new(fpga(), 7), |_| {}));
     let run = story.machine.output::<bool>("sserial.port-0.run");
     let switch = |story: &mut Story<_>, on| {
@@ -351,7 +351,7 @@ fn a_port_that_is_switched_off_and_on_has_events_for_each_of_its_remotes() {
 }
 
 #[test]
-fn failures_that_were_not_reported_singly_are_an_event_when_the_driver_stops() {
+fn failures_not_reported_singly_are_an_event_at_driver_stop() {
     let mut story = Story::of(Machine::on(Faulty::new(fpga(), 7), |_| {}));
     assert!(
         story
@@ -384,7 +384,7 @@ fn failures_that_were_not_reported_singly_are_an_event_when_the_driver_stops() {
 
 /// For a minute, one packet in a hundred is lost, and replies of one remote are corrupted.
 #[test]
-fn a_bus_that_loses_one_packet_in_a_hundred_has_a_few_events_with_all_numbers() {
+fn one_percent_packet_loss_causes_few_events_with_all_counts() {
     let mut bus = Faulty::new(fpga(), 11);
     bus.fail_randomly(Fault::NotExecuted(BusErrorKind::Lost), 0.0);
     let mut story = Story::of(Machine::on(bus, |s| s.bus_error_limit = 100));

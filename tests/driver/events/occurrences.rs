@@ -115,7 +115,7 @@ fn undisturbed_cycles_have_no_events() {
 }
 
 #[test]
-fn a_run_of_failed_transfers_is_one_event_and_ends_10_s_after_the_last_failure() {
+fn run_of_failures_is_one_event_until_10_s_after_its_last() {
     for channel in [FIELD, ANALOG, OUTPUTS] {
         for (fault, failure) in [
             (WireFault::Lost, Failure::NoReply),
@@ -158,7 +158,7 @@ fn a_run_of_failed_transfers_is_one_event_and_ends_10_s_after_the_last_failure()
 }
 
 #[test]
-fn an_unplugged_and_reconnected_remote_has_an_event_for_each_change_of_its_state() {
+fn reconnected_remote_has_an_event_for_each_change_of_state() {
     let mut rig = rig();
     rig.machine.cable(ANALOG).unplug();
     let told = rig.after(60);
@@ -211,7 +211,7 @@ fn an_unplugged_and_reconnected_remote_has_an_event_for_each_change_of_its_state
 }
 
 #[test]
-fn a_fault_that_a_remote_reports_is_the_reason_of_its_event_in_the_second_cycle() {
+fn reported_remote_fault_is_the_reason_of_its_event_in_cycle_2() {
     for kind in FaultKind::ALL {
         let Some(bit) = kind.fault_bit() else {
             continue;
@@ -235,7 +235,7 @@ fn a_fault_that_a_remote_reports_is_the_reason_of_its_event_in_the_second_cycle(
 }
 
 #[test]
-fn a_swapped_card_has_an_event_for_its_failure_then_one_with_the_card_that_answers() {
+fn swapped_card_has_a_failure_event_then_one_with_the_new_card() {
     let mut rig = rig();
     let stranger = Outputs48::i7i72().expect("a 7I72");
     let cable = Cable::new(Box::new(stranger), 3);
@@ -255,7 +255,7 @@ fn a_swapped_card_has_an_event_for_its_failure_then_one_with_the_card_that_answe
 }
 
 #[test]
-fn a_restart_on_request_and_a_port_that_is_switched_off_are_reasons_of_events() {
+fn requested_restart_and_port_off_are_reasons_of_events() {
     let mut rig = rig();
     rig.machine.driver.restart((0, OUTPUTS as u8));
     let told = rig.after(100);
@@ -266,7 +266,7 @@ fn a_restart_on_request_and_a_port_that_is_switched_off_are_reasons_of_events() 
 }
 
 #[test]
-fn the_watchdogs_bite_is_an_event_in_the_first_cycle_after_it_and_the_restored_set_up_another() {
+fn bite_is_an_event_in_the_next_cycle_and_restored_set_up_too() {
     let mut rig = rig();
     // Before, no position of an encoder is one that was lost.
     assert_eq!(rig.after(100), []);
@@ -287,7 +287,7 @@ fn the_watchdogs_bite_is_an_event_in_the_first_cycle_after_it_and_the_restored_s
 }
 
 #[test]
-fn a_reset_of_the_board_is_an_event_in_the_second_cycle_after_it() {
+fn reset_of_the_board_is_an_event_in_the_second_cycle_after_it() {
     let mut rig = rig();
     rig.machine.fpga().reload();
     let told = rig.after(5);
@@ -326,7 +326,7 @@ fn events_of_lost_packets_contain_the_error_of_the_bus() {
 }
 
 #[test]
-fn a_bus_that_is_down_is_one_event_at_its_limit_after_that_of_the_first_failure() {
+fn bus_down_is_one_event_at_its_limit_after_the_first_failure() {
     let mut rig = rig();
     let next = rig.machine.driver.bus().exchanges();
     for exchange in next..next + 400 {
@@ -367,7 +367,7 @@ fn a_bus_that_is_down_is_one_event_at_its_limit_after_that_of_the_first_failure(
 }
 
 #[test]
-fn an_optional_remote_that_is_plugged_in_later_has_an_event_when_it_is_up_and_when_it_is_back() {
+fn optional_remote_plugged_in_later_has_events_for_up_and_back() {
     let (mut shop, valves) = shop_and_its_valves();
     let mut events = shop.driver.events();
     shop.cycles(1000);
@@ -399,7 +399,7 @@ fn one_group_can_be_re_armed_by_itself() {
 }
 
 #[test]
-fn a_full_queue_keeps_the_first_events_and_counts_the_rest() {
+fn full_queue_keeps_the_first_events_and_counts_the_rest() {
     let driver = start(fpga(), |s| s.event_room = 3).expect("the machine is complete");
     let mut rig = Rig::of(Machine::with(driver));
     for _ in 0..20 {

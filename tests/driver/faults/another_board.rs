@@ -11,7 +11,7 @@ use mesa_hal::hostmot2::HostMot2;
 use mesa_hal_sim::{SimFpga, machines};
 
 #[test]
-fn another_firmware_is_reported_in_one_line_without_runs_of_blanks() {
+fn other_firmware_is_reported_in_one_line_without_extra_blanks() {
     let error = CycleError::OtherFirmware.to_string();
     for text in [error, EventKind::OtherFirmware.to_string()] {
         assert!(!text.contains("  ") && !text.contains('\n'), "{text}");
@@ -54,7 +54,7 @@ fn cycles(machine: &mut Machine, count: usize) {
 }
 
 #[test]
-fn another_board_gets_none_of_the_set_up_and_nothing_of_it_is_valid() {
+fn other_board_gets_no_set_up_and_has_no_valid_value() {
     let mut machine = running();
     let mut events = machine.driver.events();
     let own = swap(&mut machine, i7i97());
@@ -118,7 +118,7 @@ fn one_word_of_its_description_makes_it_another_firmware() {
 }
 
 #[test]
-fn the_end_of_a_driver_leaves_another_board_alone() {
+fn end_of_a_driver_leaves_another_board_alone() {
     let mut machine = running();
     swap(&mut machine, i7i97());
     cycles(&mut machine, 3);
@@ -132,7 +132,7 @@ fn the_end_of_a_driver_leaves_another_board_alone() {
 /// A board that is being reset, or whose FPGA has no HostMot2, drives nothing that a stop could
 /// switch off.
 #[test]
-fn the_end_of_a_driver_leaves_what_is_no_hostmot2_alone() {
+fn end_of_a_driver_leaves_what_is_no_hostmot2_alone() {
     let mut machine = running();
     let mut events = machine.driver.events();
     let mut other = i7i97();
@@ -149,7 +149,7 @@ fn the_end_of_a_driver_leaves_what_is_no_hostmot2_alone() {
 }
 
 #[test]
-fn a_reset_while_the_set_up_is_written_again_is_no_other_firmware() {
+fn reset_while_the_set_up_is_written_again_is_no_other_firmware() {
     let mut failed = 0;
     for nanos in (0..120_000).step_by(600) {
         let mut machine = running();

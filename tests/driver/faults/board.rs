@@ -49,7 +49,7 @@ fn rearm_all<B: Embedded>(machine: &mut Machine<B>) {
 }
 
 #[test]
-fn the_boards_watchdog_makes_everything_safe_until_it_is_rearmed() {
+fn boards_watchdog_makes_everything_safe_until_it_is_rearmed() {
     let mut machine = running();
     machine.sleep(20);
     assert!(machine.driver.bus().watchdog().has_bitten());
@@ -77,7 +77,7 @@ fn the_boards_watchdog_makes_everything_safe_until_it_is_rearmed() {
 }
 
 #[test]
-fn clearing_has_bit_restores_the_board_and_leaves_outputs_to_the_application() {
+fn clearing_has_bit_restores_the_board_but_rearms_no_output() {
     let mut machine = running();
     machine.sleep(20);
     machine.cycles(3);
@@ -96,7 +96,7 @@ fn clearing_has_bit_restores_the_board_and_leaves_outputs_to_the_application() {
 }
 
 #[test]
-fn dropping_the_driver_stops_the_ports_and_leaves_nothing_driven() {
+fn dropped_driver_stops_the_ports_and_leaves_no_pin_driven() {
     let mut simulated = fpga();
     {
         let driver = Driver::start(&mut simulated, Settings::default()).unwrap();
@@ -146,7 +146,7 @@ impl Pass for SimFpga {
 }
 
 #[test]
-fn a_driver_that_is_shut_down_gives_the_bus_back_and_leaves_nothing_on() {
+fn shut_down_driver_returns_the_bus_with_all_outputs_off() {
     let (mut fpga, stopped) = running().driver.shutdown();
     stopped.unwrap();
     assert_eq!(are_on(&fpga), [false; 3]);
@@ -171,7 +171,7 @@ fn try_cycle(machine: &mut Machine<Faulty<SimFpga>>) -> bool {
 }
 
 #[test]
-fn a_lost_read_takes_no_input_and_stops_nothing() {
+fn lost_read_takes_no_input_and_stops_nothing() {
     let mut machine = faulty();
     let next = machine.driver.bus_mut().exchanges();
     let lost = Fault::Executed(BusErrorKind::Lost);
@@ -198,7 +198,7 @@ fn a_lost_read_takes_no_input_and_stops_nothing() {
 }
 
 #[test]
-fn inputs_of_a_doit_that_was_lost_on_its_way_are_not_taken_for_new() {
+fn inputs_of_a_lost_doit_are_not_taken_as_new() {
     let mut machine = faulty();
     let _ = machine.driver.read().unwrap();
     let next = machine.driver.bus_mut().exchanges();
@@ -224,7 +224,7 @@ fn inputs_of_a_doit_that_was_lost_on_its_way_are_not_taken_for_new() {
 }
 
 #[test]
-fn a_bus_that_is_down_makes_everything_safe_and_stops_feeding_the_watchdog() {
+fn bus_down_makes_outputs_safe_and_stops_feeding_the_watchdog() {
     let mut machine = faulty();
     let fault = Fault::NotExecuted(BusErrorKind::Unreachable);
     machine.driver.bus_mut().fail_randomly(fault, 1.0);
@@ -295,7 +295,7 @@ fn errors_are_counted_on_from_what_the_application_sets() {
 /// Manual page hm2_eth(9): each cycle with an error adds the increment, each without one subtracts
 /// the decrement, and the level stays within 0 and the limit.
 #[test]
-fn the_error_level_is_a_leaky_bucket_and_no_count_of_failures_in_a_row() {
+fn error_level_is_a_leaky_bucket_not_a_count_in_a_row() {
     let mut machine = faulty();
     let pins = machine.driver.pins();
     let count = pins.input::<i32>("hm2_7i92.0.packet-error-level");
@@ -335,7 +335,7 @@ fn the_error_level_is_a_leaky_bucket_and_no_count_of_failures_in_a_row() {
 }
 
 #[test]
-fn a_board_that_lost_its_firmware_is_not_mistaken_for_one_with_all_inputs_off() {
+fn board_without_firmware_is_not_mistaken_for_inputs_off() {
     let mut machine = running();
     machine.driver.bus_mut().override_rom(0x0100, 0xFFFF_FFFF);
     let error = machine.driver.read().unwrap_err();
@@ -354,7 +354,7 @@ fn a_board_that_lost_its_firmware_is_not_mistaken_for_one_with_all_inputs_off() 
 }
 
 #[test]
-fn a_missing_remote_is_reported_with_its_reason_and_the_rest_runs() {
+fn missing_remote_is_reported_with_its_reason_and_the_rest_runs() {
     let mut simulated = fpga();
     let removed = simulated.plug(0, OUTPUTS, None);
     let mut driver = Driver::start(&mut simulated, Settings::default()).unwrap();
@@ -386,7 +386,7 @@ fn a_missing_remote_is_reported_with_its_reason_and_the_rest_runs() {
 
 /// Reads that come before the transfer is complete.
 #[test]
-fn a_cycle_that_is_too_short_writes_no_doit_and_takes_nothing_twice() {
+fn too_short_cycle_writes_no_doit_and_takes_no_input_twice() {
     let mut machine = running();
     let counted = |machine: &Machine| machine.driver.ports()[0].statistics().too_short;
     let (before, mut too_short) = (counted(&machine), 0);
@@ -413,7 +413,7 @@ fn a_cycle_that_is_too_short_writes_no_doit_and_takes_nothing_twice() {
 }
 
 #[test]
-fn the_port_can_be_switched_off_and_on() {
+fn port_can_be_switched_off_and_on() {
     let mut machine = running();
     let run = machine
         .driver

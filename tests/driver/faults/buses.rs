@@ -1,5 +1,6 @@
-//! Every fault of a remote, of its wire, of the FPGA and of the host on an embedded bus, over UDP and
-//! on PCI: the driver says the same of it on each bus, whether it is left alone, stopped or re-armed.
+//! Every fault of a remote, of its wire, of the FPGA and of the host on an embedded bus, over UDP
+//! and on PCI: the driver says the same of it on each bus, whether it is left alone, stopped or
+//! re-armed.
 
 use std::collections::BTreeMap;
 

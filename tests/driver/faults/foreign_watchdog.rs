@@ -47,7 +47,7 @@ fn written<B: World>(bus: B, time: u32, write: impl Fn(&mut B, u32)) {
 }
 
 #[test]
-fn a_watchdog_time_of_another_program_makes_everything_safe_and_is_not_called_a_reset_alone() {
+fn foreign_watchdog_time_makes_all_safe_and_is_no_mere_reset() {
     // Let it bite, as LinuxCNC does at its end; switch it off, which bites; a longer time.
     for time in [1, u32::MAX, 0x7FFF_FFFE] {
         written(fpga(), time, |bus, time| {

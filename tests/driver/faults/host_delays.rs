@@ -36,7 +36,7 @@ fn late_cycles<B: World>(machine: &mut Machine<B>, chance: &mut Chance, count: u
 }
 
 #[test]
-fn host_delays_and_an_unplugged_remote_do_not_affect_the_other_remotes() {
+fn host_delays_and_an_unplugged_remote_affect_no_other_remote() {
     for seed in 0..20 {
         let mut machine = Machine::build(settings);
         let mut chance = Chance(seed);
@@ -56,7 +56,7 @@ fn host_delays_and_an_unplugged_remote_do_not_affect_the_other_remotes() {
 /// Replies and requests that are late as well bring the bus down, after which the board's watchdog
 /// bites.
 #[test]
-fn a_bus_that_goes_down_is_no_fault_of_a_remote() {
+fn bus_that_goes_down_is_no_fault_of_a_remote() {
     let mut downs = 0;
     for seed in 0..12 {
         let mut machine: Machine<_> = Machine::on(connect(SimLink::new(fpga())), settings);
@@ -109,7 +109,7 @@ fn a_bus_that_goes_down_is_no_fault_of_a_remote() {
 
 /// The host's clocks do not show how long a virtual machine was stopped: the board's watchdog does.
 #[test]
-fn after_a_pause_that_the_hosts_clocks_do_not_count_the_second_read_reports_a_safe_board() {
+fn second_read_reports_a_safe_board_after_an_uncounted_pause() {
     for pace in [Pace::Host, Pace::Board] {
         let settings = |settings: &mut Settings| settings.pace = pace;
         let mut machine: Machine<_> = Machine::on(connect(SimLink::new(fpga())), settings);

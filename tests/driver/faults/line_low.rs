@@ -13,7 +13,7 @@ const LATER: u64 = 790;
 
 /// FACTS 5.4, 11.6 and 11.8: about one DOIT in 200 has an overrun.
 #[test]
-fn a_line_that_goes_low_at_any_time_is_reported_as_low_or_silent_and_never_as_an_overrun() {
+fn line_going_low_is_reported_as_low_or_silent_never_as_overrun() {
     let mut machine = Machine::new();
     let mut overruns = 0;
     for time in 0..TIMES {

@@ -418,7 +418,7 @@ fn run(seed: u64, cycles: u32, mishaps: Mishaps) -> Run {
 }
 
 #[test]
-fn whatever_happens_to_one_remote_the_others_stay_armed_and_driven() {
+fn other_remotes_stay_armed_and_driven_under_any_fault_of_one() {
     for victims in [&[FIELD][..], &[ANALOG], &[OUTPUTS]] {
         for seed in 1..=4 {
             let mishaps = Mishaps {
@@ -431,7 +431,7 @@ fn whatever_happens_to_one_remote_the_others_stay_armed_and_driven() {
 }
 
 #[test]
-fn whatever_happens_to_remotes_and_board_no_pin_is_wrong() {
+fn no_pin_is_wrong_under_any_fault_of_remotes_and_board() {
     for seed in 10..=25 {
         let mishaps = Mishaps {
             victims: &ALL,

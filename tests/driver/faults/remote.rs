@@ -110,7 +110,7 @@ fn one_wire_fault(
 }
 
 #[test]
-fn faults_of_one_reply_are_told_apart_and_cost_its_remote_two_cycles() {
+fn faults_of_one_reply_are_distinguished_and_cost_two_cycles() {
     use Failure::{Break, Crc, ExtraCharacters, Late, NoReply};
     let of = |channel, fault, counted: &[Failure], invalid| {
         one_wire_fault(channel, Toward::Fpga, fault, counted, invalid);
@@ -179,7 +179,7 @@ fn prefix(machine: &Machine, channel: usize) -> String {
 }
 
 #[test]
-fn a_remote_that_is_unplugged_and_plugged_in_again_comes_back_and_waits_to_be_armed() {
+fn replugged_remote_comes_back_and_waits_to_be_armed() {
     for (channel, mode) in [(FIELD, 0), (FIELD, 2), (OUTPUTS, 0)] {
         comes_back(
             busy_machine(mode),
@@ -191,7 +191,7 @@ fn a_remote_that_is_unplugged_and_plugged_in_again_comes_back_and_waits_to_be_ar
 }
 
 #[test]
-fn a_remote_that_loses_power_comes_back_in_its_software_mode() {
+fn remote_that_loses_power_comes_back_in_its_software_mode() {
     let power = |machine: &mut Machine, is_on| {
         let now = machine.now();
         machine.device_mut(FIELD).set_power(now, is_on);
@@ -211,7 +211,7 @@ fn a_remote_that_loses_power_comes_back_in_its_software_mode() {
 /// While a remote with a fault is addressed, its other outputs stay on (FACTS 1.5). So it is not
 /// addressed, and its inputs are lost as well.
 #[test]
-fn a_remote_that_reports_a_fault_has_no_valid_input_until_its_cause_is_gone() {
+fn remote_reporting_a_fault_has_no_valid_input_until_it_is_gone() {
     let power: fn(&mut Machine, bool) = |machine, fails| {
         let (now, volts) = (machine.now(), if fails { 3.0 } else { 24.0 });
         let field = machine.device_mut(FIELD);
@@ -287,7 +287,7 @@ fn attempts_to_bring_a_remote_back_never_starve_the_others() {
 }
 
 #[test]
-fn without_automatic_recovery_the_application_decides() {
+fn application_restarts_remotes_without_automatic_recovery() {
     let mut machine = Machine::build(|s| {
         s.fault_policy = mesa_hal::driver::FaultPolicy {
             automatic: false,
@@ -307,7 +307,7 @@ fn without_automatic_recovery_the_application_decides() {
 /// The values of LinuxCNC 2.9 on the same simulated machine: 3 in normal operation, 0 when `run` is
 /// false, 2 for the first cycle after START, 4 on the way to the stop.
 #[test]
-fn port_state_is_3_in_normal_operation_and_0_when_switched_off_as_in_linuxcnc() {
+fn port_state_is_3_in_operation_and_0_when_off_as_in_linuxcnc() {
     let mut machine = Machine::new();
     let state = |machine: &Machine| {
         ["", "2", "3"].map(|n| {

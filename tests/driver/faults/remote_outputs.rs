@@ -178,7 +178,7 @@ fn off_from(from: u64, channel: usize, what: String) -> impl FnMut(&Machine) {
 }
 
 #[test]
-fn whatever_the_fault_all_outputs_are_off_within_60_ms_and_stay_off_until_re_armed() {
+fn outputs_are_off_within_60_ms_of_any_fault_until_rearmed() {
     for channel in [FIELD, ANALOG, OUTPUTS] {
         for cause in causes(channel) {
             let mut machine = busy_machine();
@@ -267,7 +267,7 @@ fn shutdown_does_not_keep_the_outputs_of_a_faulty_remote_alive() {
 }
 
 #[test]
-fn shutdown_switches_the_others_off_at_once_while_a_remote_is_being_restarted() {
+fn shutdown_switches_others_off_at_once_during_a_remote_restart() {
     let without_watchdog = || busy_machine_with_watchdog(0);
     for (is_absent, machine) in [
         (false, &busy_machine as &dyn Fn() -> Machine),
@@ -301,7 +301,7 @@ fn shutdown_switches_the_others_off_at_once_while_a_remote_is_being_restarted() 
 }
 
 #[test]
-fn an_application_that_restarts_and_re_arms_all_the_time_does_not_keep_old_outputs_alive() {
+fn constant_restart_and_rearm_do_not_keep_old_outputs_on() {
     for cause in [Cause::Short, Cause::Hot, Cause::FieldVolts(3.0)] {
         let mut machine = busy_machine();
         cause.begins(&mut machine, FIELD);
@@ -319,7 +319,7 @@ fn an_application_that_restarts_and_re_arms_all_the_time_does_not_keep_old_outpu
 
 /// The host stops for longer than the watchdogs of the remotes and of the board permit.
 #[test]
-fn remotes_whose_watchdogs_have_bitten_stay_off_until_re_armed_and_are_back_at_once() {
+fn bitten_remotes_are_back_at_once_but_off_until_rearmed() {
     let mut machine = Machine::build(|s| s.watchdog = Some(std::time::Duration::from_millis(500)));
     for _ in 0..5 {
         cycle(&mut machine, |_| {});
@@ -359,7 +359,7 @@ fn reason(machine: &Machine, channel: usize) -> Option<OfflineReason> {
 }
 
 #[test]
-fn the_first_reason_of_a_fault_is_kept_until_re_armed() {
+fn first_reason_of_a_fault_is_kept_until_re_armed() {
     let mut machine = busy_machine();
     let now = machine.now();
     let field = machine.device_mut(FIELD);
@@ -435,7 +435,7 @@ pub fn busy_machine_with_watchdog(millis: u32) -> Machine {
 }
 
 #[test]
-fn a_remote_with_another_watchdog_is_off_after_its_time_and_is_not_talked_to_before() {
+fn faulty_remote_gets_no_data_and_is_off_within_its_watchdog() {
     for (millis, off_within) in [(20, 21), (200, 201), (600, 601)] {
         for cause in [Cause::Hot, Cause::Short, Cause::FieldVolts(3.0)] {
             let mut machine = busy_machine_with_watchdog(millis);
@@ -453,7 +453,7 @@ fn a_remote_with_another_watchdog_is_off_after_its_time_and_is_not_talked_to_bef
 
 /// Nothing but a START switches it off, so it gets one at once.
 #[test]
-fn a_remote_whose_watchdog_is_off_is_started_again_at_once() {
+fn remote_whose_watchdog_is_off_is_started_again_at_once() {
     for cause in [Cause::Short, Cause::Bit(RemoteFaults::NO_ENABLE)] {
         let mut machine = busy_machine_with_watchdog(0);
         let watchdog = machine.status(OUTPUTS).watchdog;

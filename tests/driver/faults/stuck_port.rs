@@ -1,6 +1,6 @@
-//! A port whose COMMAND never becomes 0 is freed, and the command after that is not lost: for 0.2 us after
-//! COMMAND reads 0 one would be (FACTS 11.15). On PCI, the fastest bus that boards have, and on a bus that
-//! takes no time.
+//! A port whose COMMAND never becomes 0 is freed, and the command after that is not lost: for 0.2
+//! us after COMMAND reads 0 one would be (FACTS 11.15). On PCI, the fastest bus that boards have,
+//! and on a bus that takes no time.
 
 use std::time::Duration;
 
@@ -55,8 +55,8 @@ impl<B: World> World for Recorded<B> {
     }
 }
 
-/// The shortest time from a COMMAND that reads 0 after it was freed to the next command, and the number of
-/// times that it was freed.
+/// The shortest time from a COMMAND that reads 0 after it was freed to the next command, and the
+/// number of times that it was freed.
 fn shortest_gap(accesses: &[(u64, Direction, u32)]) -> (u64, usize) {
     let (mut shortest, mut freed, mut cleared) = (u64::MAX, 0, None);
     let mut is_freeing = false;
@@ -119,13 +119,13 @@ fn in_no_time() -> SimFpga {
 }
 
 #[test]
-fn the_command_after_a_stuck_port_is_not_lost_on_pci() {
+fn command_after_a_stuck_port_is_not_lost_on_pci() {
     is_freed_in_time(pci, false);
     is_freed_in_time(pci, true);
 }
 
 #[test]
-fn the_command_after_a_stuck_port_is_not_lost_on_a_bus_without_time() {
+fn command_after_a_stuck_port_is_not_lost_on_a_bus_without_time() {
     is_freed_in_time(in_no_time, false);
     is_freed_in_time(in_no_time, true);
 }

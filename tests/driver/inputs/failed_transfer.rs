@@ -59,7 +59,7 @@ impl Rig {
 }
 
 #[test]
-fn an_age_covers_a_failed_transfer_whose_late_reply_may_be_taken_for_the_next_one() {
+fn age_covers_a_late_reply_taken_for_that_of_the_next_transfer() {
     let mut taken = 0;
     for late in (10_000..2_100_000).step_by(9_000) {
         let mut rig = Rig::new();
@@ -86,10 +86,10 @@ fn an_age_covers_a_failed_transfer_whose_late_reply_may_be_taken_for_the_next_on
     assert!(taken > 100, "{taken} good transfers after a failed one");
 }
 
-/// Between START and the first transfer the gateware exchanges frames by itself. A late reply to one
-/// of them is taken for the reply to the transfer.
+/// Between START and the first transfer the gateware exchanges frames by itself. A late reply to
+/// one of them is taken for the reply to the transfer.
 #[test]
-fn the_age_of_the_first_transfer_after_a_start_covers_late_replies_to_the_frames_before_it() {
+fn age_after_a_start_covers_late_replies_to_earlier_frames() {
     let mut restarted = 0;
     for late in (50_000..700_000).step_by(5_000) {
         let mut rig = Rig::new();

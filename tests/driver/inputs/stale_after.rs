@@ -70,7 +70,7 @@ fn encoders_and_remotes_are_valid_up_to_the_same_age() {
 }
 
 #[test]
-fn a_reading_within_a_number_of_cycles_is_there_up_to_that_age_after_failed_reads() {
+fn reading_is_available_up_to_its_age_limit_after_failed_reads() {
     let mut driver = started(machines::six_axes_7i92(Motor::default()), 5);
     let name = "hm2_7i92.0.7i77.0.0.input-00";
     let input = driver.pins().input::<bool>(name).expect("an input");

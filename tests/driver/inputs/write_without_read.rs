@@ -28,7 +28,7 @@ fn drive(driver: &mut Driver<SimFpga>) -> (f64, bool) {
 }
 
 #[test]
-fn writes_without_reads_leave_no_valid_inputs_and_stop_the_drive() {
+fn writes_without_reads_invalidate_inputs_and_stop_the_drive() {
     let mut driver = started(machines::six_axes_7i97(Motor::default()));
     let card: I7i97 = driver.attach_board().expect("a 7I97");
     let (axis, count) = (card.analog_out[0], card.encoders[0].count);

@@ -75,7 +75,7 @@ fn set_volts(driver: &mut Driver<SimFpga>, outputs: &[AnalogOut; 6]) {
 }
 
 #[test]
-fn whichever_axes_are_enabled_and_in_whatever_order_only_they_have_a_voltage() {
+fn axes_have_voltage_only_if_enabled_in_any_set_and_order() {
     for mut axes in both() {
         // Also with nothing enabled before.
         for enabled in (0..64_usize).chain([0, 63, 62, 61, 1, 2]) {
@@ -96,7 +96,7 @@ fn whichever_axes_are_enabled_and_in_whatever_order_only_they_have_a_voltage() {
 }
 
 #[test]
-fn an_axis_that_was_never_enabled_has_0_volts_beside_one_that_is() {
+fn axis_that_was_never_enabled_has_0_volts_beside_one_that_is() {
     for alone in 0..6 {
         for mut axes in both() {
             axes.cycles(set_volts);
@@ -150,7 +150,7 @@ fn enable_pins_set_by_name_act_on_all_axes_as_in_linuxcnc() {
 }
 
 #[test]
-fn an_axis_that_was_enabled_before_a_fault_is_not_enabled_after_it() {
+fn axis_that_was_enabled_before_a_fault_is_not_enabled_after_it() {
     for mut axes in both() {
         axes.cycles(|driver, outputs| {
             for output in outputs {

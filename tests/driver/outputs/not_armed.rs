@@ -55,7 +55,7 @@ fn others(pins: &Pins, field: &I7i77Field) -> Vec<PinId> {
 }
 
 #[test]
-fn an_output_that_is_not_armed_is_not_valid_whatever_it_is_set_to() {
+fn output_that_is_not_armed_is_not_valid_whatever_it_is_set_to() {
     let board = machines::six_axes_7i92(Motor::default());
     let mut driver = Driver::start(board, Settings::default()).expect("a 7I92");
     let field: I7i77Field = driver.attach((0, 0)).expect("a 7I77");
@@ -105,7 +105,7 @@ impl Between for LastOutputs {
 /// A network can deliver a packet again after newer ones: none from the time before a restart may
 /// contain outputs that were on.
 #[test]
-fn the_outputs_of_a_remote_that_is_offline_are_written_as_off() {
+fn outputs_of_a_remote_that_is_offline_are_written_as_off() {
     let mut board = machine::fpga();
     let cards = [machine::ANALOG, machine::OUTPUTS].map(|channel| board.plug(0, channel, None));
     assert!(cards.iter().all(Option::is_some));

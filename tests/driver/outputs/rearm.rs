@@ -54,7 +54,7 @@ fn armed(machine: &Machine) -> [bool; 4] {
 }
 
 #[test]
-fn one_call_after_a_bite_or_a_reset_arms_all_remotes_and_the_board_and_nothing_is_on_by_that() {
+fn one_rearm_after_bite_or_reset_arms_all_and_switches_none_on() {
     for loss in Loss::ALL {
         for wait in [0, 1, 7, 40, 100] {
             let told = format!("{loss:?}, {wait} cycles later");
@@ -82,7 +82,7 @@ fn one_call_after_a_bite_or_a_reset_arms_all_remotes_and_the_board_and_nothing_i
 }
 
 #[test]
-fn a_new_loss_before_everything_is_up_voids_the_call() {
+fn new_loss_before_everything_is_up_voids_the_call() {
     for first in Loss::ALL {
         for second in [Loss::Bite(20), Loss::Reset] {
             // The watchdog has its own time from the first write on.
@@ -112,7 +112,7 @@ fn a_new_loss_before_everything_is_up_voids_the_call() {
 }
 
 #[test]
-fn a_remote_with_a_fault_of_its_own_waits_for_another_call() {
+fn remote_with_a_fault_of_its_own_waits_for_another_call() {
     for before in [true, false] {
         let mut machine = running();
         if before {

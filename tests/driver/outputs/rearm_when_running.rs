@@ -160,8 +160,8 @@ fn one_call_arms_everything_however_long_it_takes_to_run() {
             let rearmed = machine.driver.rearm_when_running();
             assert_eq!(rearmed.waiting, rearmed.rearm_pending, "{told}");
             assert_ne!(rearmed.rearm_pending, 0, "{told}");
-            // A short circuit is sensed only while its output is on: the card would be armed, and fail
-            // again.
+            // A short circuit is sensed only while its output is on: the card would be armed, and
+            // fail again.
             if matches!(trouble, Trouble::Unplugged(_)) {
                 commanded(&mut machine, wait);
                 let left = ALL.map(|channel| !trouble.takes()[channel]);
@@ -179,7 +179,7 @@ fn one_call_arms_everything_however_long_it_takes_to_run() {
 
 /// Every pair of faults, the second one at some cycle after the call: what it takes stays off.
 #[test]
-fn a_new_fault_between_the_call_and_the_arming_cancels_it_for_what_the_fault_takes() {
+fn new_fault_before_arming_cancels_it_for_affected_groups() {
     for first in Trouble::ALL {
         for second in Trouble::ALL {
             for after in [0, 1, 2, 5, 9, 20, 70] {
@@ -213,8 +213,9 @@ fn a_new_fault_between_the_call_and_the_arming_cancels_it_for_what_the_fault_tak
                         && (first, second) != (Trouble::Bite, Trouble::Reset);
                 let expected = second.takes().map(|is_taken| !is_taken);
                 let is_on = on(&machine);
-                // A fault of a card or a board that has not come back yet is the same fault going on,
-                // and a short circuit that no reply has reported before the START is cleared by it.
+                // A fault of a card or a board that has not come back yet is the same fault going
+                // on, and a short circuit that no reply has reported before the START is cleared by
+                // it.
                 let is_same = is_same || second == Trouble::OverCurrent && !is_sensed;
                 assert!(
                     is_on == expected || is_same && is_on == [true; 3],
@@ -229,7 +230,7 @@ fn a_new_fault_between_the_call_and_the_arming_cancels_it_for_what_the_fault_tak
 }
 
 #[test]
-fn a_remote_that_ran_again_and_fails_before_it_is_armed_is_not_armed() {
+fn remote_failing_again_before_its_arming_stays_unarmed() {
     // The card comes back and fails again, at every cycle around its arming.
     for after in 1..120 {
         let mut machine = running();
@@ -249,7 +250,7 @@ fn a_remote_that_ran_again_and_fails_before_it_is_armed_is_not_armed() {
 }
 
 #[test]
-fn another_device_or_a_fault_that_is_new_cancels_and_a_failed_attempt_does_not() {
+fn other_device_or_new_fault_cancels_and_failed_retry_does_not() {
     let remote = RemoteId::new(0, 2);
     let mut machine = running();
     let mut told = events(&machine);
@@ -297,7 +298,7 @@ fn another_device_or_a_fault_that_is_new_cancels_and_a_failed_attempt_does_not()
 }
 
 #[test]
-fn a_group_of_a_port_that_is_off_is_refused_with_the_reason_and_every_cancelled_one_is_told() {
+fn group_of_an_off_port_is_refused_and_each_cancel_is_reported() {
     let mut machine = running();
     let group = machine.status(FIELD).pins.group;
     Trouble::PortOff.begins(&mut machine);
@@ -345,10 +346,10 @@ fn a_group_of_a_port_that_is_off_is_refused_with_the_reason_and_every_cancelled_
     assert_eq!(on(&machine), [false; 3], "withdrawn");
 }
 
-/// The board is away until the bus is down, and may have lost its configuration by then, which is found
-/// when it answers again.
+/// The board is away until the bus is down, and may have lost its configuration by then, which is
+/// found when it answers again.
 #[test]
-fn no_event_says_safe_of_outputs_that_are_on() {
+fn no_event_reports_outputs_safe_while_they_are_on() {
     for is_reset in [false, true] {
         for wait in 0..8 {
             for is_before in [false, true] {

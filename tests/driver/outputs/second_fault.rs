@@ -12,7 +12,7 @@ fn away_and_back<B: World>(machine: &mut Machine<B>, channel: usize) {
 }
 
 #[test]
-fn a_command_from_between_two_faults_does_not_come_back_when_re_armed() {
+fn command_between_two_faults_does_not_return_on_rearm() {
     let mut machine = Machine::new();
     machine.cycles(3);
     let output = machine.cards.outputs.outputs[7].pin;

@@ -51,7 +51,7 @@ fn answered(driver: &mut Machine, first: usize) -> Vec<u64> {
 }
 
 #[test]
-fn the_reads_come_with_the_boards_periods_whatever_the_host_does_between() {
+fn reads_follow_the_board_period_for_any_work_of_the_host() {
     let mut driver = machine(Pace::Board);
     let first = driver.bus_mut().link().journal.len();
     let _ = driver
@@ -81,7 +81,7 @@ fn the_reads_come_with_the_boards_periods_whatever_the_host_does_between() {
 }
 
 #[test]
-fn a_board_that_paces_is_locked_after_the_host_has_kept_pace() {
+fn board_that_paces_is_locked_after_the_host_has_kept_pace() {
     let mut driver = paced();
     let mut cycle = |work| cycle(&mut driver, Duration::from_micros(work)).locked;
     let locked: Vec<bool> = (0..150).map(|n| cycle(100 + n * 37 % 500)).collect();
@@ -94,7 +94,7 @@ fn a_board_that_paces_is_locked_after_the_host_has_kept_pace() {
 }
 
 #[test]
-fn a_paced_cycle_is_one_packet_out_and_one_back_and_smaller_than_that_of_linuxcnc() {
+fn paced_cycle_is_one_packet_each_way_and_smaller_than_linuxcnc() {
     let mut driver = machine(Pace::Board);
     let sync = 0x7600;
     let image = driver.lists().read.as_ref();
@@ -121,7 +121,7 @@ fn a_paced_cycle_is_one_packet_out_and_one_back_and_smaller_than_that_of_linuxcn
 }
 
 #[test]
-fn a_late_host_misses_a_period_and_gets_the_next() {
+fn late_host_misses_a_period_and_gets_the_next() {
     let mut driver = paced();
     for work in [300, 1_400, 300, 3_300, 300_u64] {
         let report = cycle(&mut driver, Duration::from_micros(work));
@@ -131,7 +131,7 @@ fn a_late_host_misses_a_period_and_gets_the_next() {
 }
 
 #[test]
-fn without_a_board_the_loop_still_takes_its_time() {
+fn loop_keeps_its_period_without_a_board() {
     let lost = |link: &mut SimLink| link.to_board = cut();
     let unreachable = |link: &mut SimLink| link.is_unreachable = true;
     for cut in [lost as fn(&mut SimLink), unreachable] {
@@ -159,7 +159,7 @@ fn without_a_board_the_loop_still_takes_its_time() {
 }
 
 #[test]
-fn after_a_reset_the_board_paces_again_when_it_is_set_up_again() {
+fn board_paces_again_when_set_up_after_a_reset() {
     let mut driver = machine(Pace::Board);
     for _ in 0..50 {
         let _ = driver.read().expect("the board is there");
@@ -201,7 +201,7 @@ fn six_position_loops_are_closed_at_the_boards_pace() {
 }
 
 #[test]
-fn a_pace_has_a_name() {
+fn pace_has_a_name() {
     assert_eq!(
         ("host".parse(), "board".parse()),
         (Ok(Pace::Host), Ok(Pace::Board))
@@ -211,7 +211,7 @@ fn a_pace_has_a_name() {
 }
 
 #[test]
-fn a_board_that_cannot_pace_is_an_error_when_the_driver_is_built() {
+fn board_that_cannot_pace_is_an_error_when_the_driver_is_built() {
     let by_board = |s: &mut Settings| s.pace = Pace::Board;
     let without_dpll = start(
         ethernet::bus(machines::six_axes_7i80_of_2016(Motor::default())),
@@ -241,7 +241,7 @@ fn refusal<B: RegisterBus + Clock>(started: Result<Driver<B>, DriverError>) -> (
 }
 
 #[test]
-fn a_request_sent_ahead_samples_the_board_then_and_the_read_takes_its_reply() {
+fn request_ahead_samples_at_once_and_the_read_takes_its_reply() {
     let mut driver = machine(Pace::Host);
     for _ in 0..20 {
         let _ = driver.read().expect("the board is there");
@@ -279,7 +279,7 @@ fn a_request_sent_ahead_samples_the_board_then_and_the_read_takes_its_reply() {
 /// row of requests in the board, each waiting for a period of its own, with the writes between
 /// them: outputs would be that much later from then on.
 #[test]
-fn after_a_stall_of_the_network_the_board_is_not_periods_behind() {
+fn board_is_not_periods_behind_after_a_network_stall() {
     let mut driver = machine(Pace::Board);
     let cycle = |driver: &mut Machine| {
         let _ = driver.write();

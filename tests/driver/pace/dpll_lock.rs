@@ -101,7 +101,7 @@ const HOSTS: [Host; 6] = [
 ];
 
 #[test]
-fn the_dpll_locks_within_the_time_that_is_promised_and_stays_locked() {
+fn dpll_locks_within_the_time_that_is_promised_and_stays_locked() {
     for host in HOSTS {
         let mut machine = Machine::new(host);
         let mut locked_at = None;
@@ -130,7 +130,7 @@ fn the_dpll_locks_within_the_time_that_is_promised_and_stays_locked() {
 }
 
 #[test]
-fn a_timer_samples_before_the_read_by_what_its_pin_says() {
+fn timer_samples_before_the_read_by_the_time_of_its_pin() {
     for us in [-100.0, -250.0, 100.0] {
         let mut machine = Machine::new(HOSTS[1]);
         let [timer, ..] = machine.dpll.timer_us;
@@ -154,7 +154,7 @@ fn a_timer_samples_before_the_read_by_what_its_pin_says() {
 }
 
 #[test]
-fn a_loop_that_was_lost_is_started_again() {
+fn loop_that_was_lost_is_started_again() {
     let mut machine = Machine::new(HOSTS[2]);
     for _ in 0..PROMISED {
         let _ = machine.cycle();

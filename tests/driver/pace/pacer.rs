@@ -28,7 +28,7 @@ fn run(cycles: u32, work: impl Fn(u32) -> Duration) -> (Pacer, Duration, Duratio
 }
 
 #[test]
-fn dt_is_the_time_between_starts_and_skipped_periods_are_counted() {
+fn dt_is_time_between_starts_and_skipped_periods_are_counted() {
     let (pacer, sum, begun) = run(200, |number| Duration::from_micros(u64::from(number) * 4));
     assert_eq!(
         (sum, begun),

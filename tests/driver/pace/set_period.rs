@@ -1,5 +1,5 @@
-//! A period that the application knows only when its cycle begins. The truth is the simulated board:
-//! the time after which its watchdog bites, and the edges of its DPLL.
+//! A period that the application knows only when its cycle begins. The truth is the simulated
+//! board: the time after which its watchdog bites, and the edges of its DPLL.
 
 use std::time::Duration;
 
@@ -48,7 +48,7 @@ fn bites_after(driver: &mut Driver<SimFpga>) -> Duration {
 }
 
 #[test]
-fn watchdog_and_dpll_follow_a_period_that_is_set_before_the_first_write() {
+fn watchdog_and_dpll_follow_a_period_set_before_the_first_write() {
     let of_board = [(500, 5_000), (1_000, 5_000), (2_000, 10_000)];
     let of_board = of_board.map(|(period, bites)| (period, bites, Defaults::Board));
     // There the frequency is -1 at first.
@@ -86,7 +86,7 @@ fn watchdog_and_dpll_follow_a_period_that_is_set_before_the_first_write() {
 }
 
 #[test]
-fn a_watchdog_that_was_set_stays_and_refuses_a_period_that_is_too_long_for_it() {
+fn set_watchdog_is_kept_and_refuses_a_too_long_period() {
     let bus = six_axes();
     let mut driver =
         start(bus, |settings| settings.watchdog = Some(micros(7_000))).expect("a 7I97");
@@ -104,7 +104,7 @@ fn a_watchdog_that_was_set_stays_and_refuses_a_period_that_is_too_long_for_it() 
 
 /// As a HAL file sets them between `loadrt` and `start`.
 #[test]
-fn what_the_application_has_set_by_pins_before_stays() {
+fn values_set_by_the_application_survive_a_new_period() {
     let mut driver = start(six_axes(), |_| {}).expect("a 7I97");
     let dpll = driver.modules::<Dpll>().next().expect("a DPLL").pins;
     let timeout = driver.pins().parameter("hm2_7i97.0.watchdog.timeout_ns");
@@ -127,7 +127,7 @@ fn what_the_application_has_set_by_pins_before_stays() {
 }
 
 #[test]
-fn a_period_that_cannot_be_kept_or_comes_too_late_is_refused_and_changes_nothing() {
+fn invalid_or_late_period_is_refused_and_changes_no_value() {
     type Refused = Result<(), DriverError>;
     let mut driver = start(fpga(), |_| {}).expect("a 7I92");
     let names: Vec<_> = driver.pins().ids().collect();
@@ -171,7 +171,7 @@ fn a_period_that_cannot_be_kept_or_comes_too_late_is_refused_and_changes_nothing
 }
 
 #[test]
-fn a_refused_period_makes_everything_safe() {
+fn refused_period_makes_everything_safe() {
     let mut driver = start(six_axes(), |_| {}).expect("a 7I97");
     let relay = driver.pins().output("hm2_7i97.0.ssr.00.out-02");
     let relay = relay.expect("it is there");
@@ -199,7 +199,7 @@ fn a_refused_period_makes_everything_safe() {
 
 /// The prescale of 8 bits ends at 10.4 ms with 100 MHz.
 #[test]
-fn a_dpll_that_cannot_follow_the_period_is_left_alone() {
+fn dpll_that_cannot_follow_the_period_is_left_alone() {
     let no_cards = |settings: &mut Settings| {
         settings
             .serial_ports
@@ -224,7 +224,7 @@ fn a_dpll_that_cannot_follow_the_period_is_left_alone() {
 }
 
 #[test]
-fn the_deadline_of_a_reply_is_that_of_the_period() {
+fn deadline_of_a_reply_is_that_of_the_period() {
     // Replies that take 1.2 ms are too late for 1 ms, and in time for 2 ms.
     for (period, in_time) in [(1_000, false), (2_000, true)] {
         let mut driver = start(bus(six_axes()), |_| {}).expect("a 7I97");

@@ -32,7 +32,7 @@ fn shown(machine: &Machine, name: &str) -> u32 {
 }
 
 #[test]
-fn set_param_of_a_parameter_in_a_remote_is_refused_with_the_way_to_write_it() {
+fn set_param_of_a_remote_parameter_is_refused_with_advice() {
     let mut machine = Machine::new();
     let pins = machine.driver.pins_mut();
     let name = "hm2_7i92.0.7i77.0.0.nvwatchdogtimeout";
@@ -94,7 +94,7 @@ fn parameters_are_written_in_setup_mode_before_the_start() {
 }
 
 #[test]
-fn a_shorter_watchdog_is_not_believed_before_the_next_power_up() {
+fn shorter_watchdog_is_not_believed_before_the_next_power_up() {
     let mut board = discovered(fpga());
     write(&mut board, FIELD, "nvwatchdogtimeout", 20).expect("it takes it");
     let machine = Machine::with(board.start().expect("all of them run"));
@@ -104,7 +104,7 @@ fn a_shorter_watchdog_is_not_believed_before_the_next_power_up() {
 }
 
 #[test]
-fn what_can_not_be_written_is_an_error_with_a_reason_and_the_board_starts_all_the_same() {
+fn unwritable_parameter_is_refused_with_reason_and_board_starts() {
     let mut absent = fpga();
     absent.plug(0, ANALOG, None);
     let mut board = discovered(absent);
@@ -168,7 +168,7 @@ fn are_on(machine: &Machine) -> Vec<bool> {
 }
 
 #[test]
-fn at_run_time_a_parameter_is_written_while_all_outputs_are_off_and_all_is_restarted() {
+fn run_time_parameter_write_switches_all_off_and_restarts_all() {
     // Also with a board's watchdog that is shorter than the call.
     for watchdog in [5, 1000] {
         let mut machine = Machine::build(|s| s.watchdog = Some(Duration::from_millis(watchdog)));
@@ -204,7 +204,7 @@ fn at_run_time_a_parameter_is_written_while_all_outputs_are_off_and_all_is_resta
 }
 
 #[test]
-fn a_wrong_name_or_value_at_run_time_stops_nothing() {
+fn wrong_name_or_value_at_run_time_stops_nothing() {
     let mut machine = Machine::new();
     switch_on(&mut machine);
     machine.cycles(5);
@@ -249,7 +249,7 @@ fn a_wrong_name_or_value_at_run_time_stops_nothing() {
 }
 
 #[test]
-fn an_absent_remote_is_an_error_and_the_others_come_back() {
+fn absent_remote_is_an_error_and_the_others_come_back() {
     let mut machine = Machine::new();
     machine.cycles(5);
     machine.cable(FIELD).unplug();
@@ -266,7 +266,7 @@ fn an_absent_remote_is_an_error_and_the_others_come_back() {
 }
 
 #[test]
-fn the_boards_watchdog_has_its_usual_time_after_it_and_one_that_has_bitten_is_an_error() {
+fn parameter_write_restores_the_watchdog_and_fails_after_a_bite() {
     let mut machine = Machine::new();
     machine.cycles(5);
     let write = |machine: &mut Machine, value: u32| {
@@ -283,7 +283,7 @@ fn the_boards_watchdog_has_its_usual_time_after_it_and_one_that_has_bitten_is_an
 }
 
 #[test]
-fn a_watchdog_that_the_period_can_not_feed_is_not_written() {
+fn watchdog_that_the_period_can_not_feed_is_not_written() {
     let text = "port 0, channel 1: the remote's watchdog (NVWatchDogTimeout in ms) bites after 1 ms, \
                 and is fed once in a period of 1 ms; a write or transfer that is lost must not let it \
                 bite, so it needs 2 x 1 ms = 2 ms";
@@ -303,7 +303,7 @@ fn a_watchdog_that_the_period_can_not_feed_is_not_written() {
 }
 
 #[test]
-fn a_remote_keeps_the_watchdog_that_was_written_and_uses_it_after_the_next_power_up() {
+fn remote_keeps_a_written_watchdog_and_uses_it_after_power_up() {
     let mut machine = Machine::build(|s| s.watchdog = Some(Duration::from_secs(1)));
     machine.cycles(5);
     let driver = &mut machine.driver;
@@ -339,7 +339,7 @@ fn a_remote_keeps_the_watchdog_that_was_written_and_uses_it_after_the_next_power
 /// command to the port, in setup mode or not, does not count as the cycle's: no remote runs, and
 /// none is valid, before the cycle has started it.
 #[test]
-fn a_bus_that_fails_during_the_call_leaves_nothing_that_the_cycle_takes_for_its_own() {
+fn failed_parameter_write_leaves_nothing_the_cycle_takes_as_own() {
     let lost = Fault::NotExecuted(BusErrorKind::Lost);
     let late = Fault::Executed(BusErrorKind::Late);
     for (fault, exchanges) in [(lost, 2), (late, 2), (lost, 2000), (late, 2000)] {
@@ -382,7 +382,7 @@ fn a_bus_that_fails_during_the_call_leaves_nothing_that_the_cycle_takes_for_its_
 }
 
 #[test]
-fn the_usual_time_of_the_boards_watchdog_is_sent_again_if_it_is_lost() {
+fn usual_board_watchdog_time_is_resent_if_lost() {
     let mut last = 0;
     for is_lost in [false, true] {
         let mut machine: Machine<_> = Machine::on(Faulty::new(fpga(), 1), |_| {});

@@ -68,7 +68,7 @@ fn stays_on(machine: &mut Machine) -> u64 {
 }
 
 #[test]
-fn a_watchdog_that_is_not_the_one_that_was_written_last_is_found_and_counts_as_off() {
+fn watchdog_other_than_last_written_is_found_and_counts_as_off() {
     for (used, written, proved, true_time) in [
         (50, 50, 50..=50, 49..=52),
         // The others have 50 ms, so that it gets no data for longer than its own 20.
@@ -108,7 +108,7 @@ fn a_watchdog_that_is_not_the_one_that_was_written_last_is_found_and_counts_as_o
 }
 
 #[test]
-fn a_watchdog_that_is_off_by_its_parameter_is_not_waited_for() {
+fn watchdog_that_is_off_by_its_parameter_is_not_waited_for() {
     let started = Driver::start(board(0, 0), Settings::default());
     let mut machine = Machine::with(started.expect("all of them run"));
     machine.cable(FIELD).unplug();
@@ -125,7 +125,7 @@ fn a_watchdog_that_is_off_by_its_parameter_is_not_waited_for() {
 /// The bus fails from any exchange of the call on: the result is an error, or a true statement
 /// about a watchdog.
 #[test]
-fn a_bus_that_fails_meanwhile_never_makes_a_watchdog_better_than_it_is() {
+fn bus_failure_never_reports_a_watchdog_better_than_it_is() {
     let mut has_failed = 0;
     for exchange in (0..40).step_by(5) {
         for count in [1, 2000] {
@@ -161,7 +161,7 @@ fn a_bus_that_fails_meanwhile_never_makes_a_watchdog_better_than_it_is() {
 /// Without an answer nothing is known: neither that it bites, nor that it is off. Late replies are
 /// an answer as soon as they are to queries after the silence.
 #[test]
-fn a_remote_that_is_not_heard_in_the_test_is_named_and_keeps_its_time() {
+fn remote_without_reply_in_the_test_is_named_and_keeps_its_time() {
     let mut not_heard = 0;
     for (late, used) in (0..20).flat_map(|n| [(n * 50_000, 50), (n * 50_000, 0)]) {
         let what = format!("replies {late} ns late, {used} ms in use");
@@ -210,7 +210,7 @@ fn a_remote_that_is_not_heard_in_the_test_is_named_and_keeps_its_time() {
 /// The board keeps the long time that it got for the operation until a write of the cycle arrives:
 /// that is no sign of a reset, or of another program.
 #[test]
-fn a_long_time_of_the_boards_watchdog_that_stays_is_not_taken_for_a_reset() {
+fn long_board_watchdog_time_that_stays_is_not_taken_for_a_reset() {
     let mut has_stayed = [0; 2];
     let started = || {
         let bus = Faulty::new(fpga(), 1);
@@ -270,7 +270,7 @@ fn a_long_time_of_the_boards_watchdog_that_stays_is_not_taken_for_a_reset() {
 }
 
 #[test]
-fn a_bite_that_is_reported_together_with_another_fault_is_a_bite() {
+fn bite_that_is_reported_together_with_another_fault_is_a_bite() {
     let started = Driver::start(fpga(), Settings::default());
     let mut machine = Machine::with(started.expect("all of them run"));
     runs(&mut machine);

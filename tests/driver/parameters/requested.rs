@@ -1,5 +1,5 @@
-//! Parameters of remotes that the cycle writes while their port is switched on again. The truth is in
-//! the simulated remotes: their EEPROMs, and their outputs.
+//! Parameters of remotes that the cycle writes while their port is switched on again. The truth is
+//! in the simulated remotes: their EEPROMs, and their outputs.
 
 use crate::common::machine::{ANALOG, Embedded, FIELD, Machine, OUTPUTS, device, fpga};
 use mesa_hal::Settings;
@@ -85,8 +85,8 @@ fn restart_port(machine: &mut OnFaulty) {
     switch(machine, true);
 }
 
-/// Runs until all remotes run, and checks that no output comes on, although the application commands
-/// them: they are not armed.
+/// Runs until all remotes run, and checks that no output comes on, although the application
+/// commands them: they are not armed.
 fn until_all_run(machine: &mut OnFaulty) -> usize {
     for n in 0..RESTARTED {
         assert!(!is_any_output_on(machine), "cycle {n}: an output is on");
@@ -111,7 +111,7 @@ fn failures(machine: &OnFaulty) -> usize {
 }
 
 #[test]
-fn a_parameter_is_written_when_its_port_is_switched_on_again() {
+fn parameter_is_written_when_its_port_is_switched_on_again() {
     let mut machine = machine(fpga(), 0);
     cycles(&mut machine, 20);
     assert!(is_any_output_on(&machine));
@@ -143,7 +143,7 @@ fn a_parameter_is_written_when_its_port_is_switched_on_again() {
 
 /// A restart of one remote alone, in between, does not use the request up.
 #[test]
-fn a_port_that_was_not_stopped_writes_at_its_next_whole_restart() {
+fn port_that_was_not_stopped_writes_at_its_next_whole_restart() {
     let mut machine = machine(fpga(), 0);
     cycles(&mut machine, 20);
     request(&mut machine, FIELD, 100);
@@ -166,7 +166,7 @@ fn a_port_that_was_not_stopped_writes_at_its_next_whole_restart() {
 }
 
 #[test]
-fn what_no_remote_can_take_is_refused_at_once() {
+fn impossible_parameter_request_is_refused_at_once() {
     let mut machine = machine(fpga(), 0);
     let refused = |machine: &mut OnFaulty, channel, name, value: i32| {
         let refused = machine
@@ -205,7 +205,7 @@ fn what_no_remote_can_take_is_refused_at_once() {
 }
 
 #[test]
-fn a_remote_that_is_not_there_keeps_its_value_and_the_others_run() {
+fn remote_that_is_not_there_keeps_its_value_and_the_others_run() {
     let mut machine = machine(fpga(), 0);
     cycles(&mut machine, 20);
     machine.cable(FIELD).unplug();
@@ -259,7 +259,7 @@ enum End {
 /// A write that ends in its middle, in each of its cycles: the value that the pin shows is the
 /// remote's own, no output comes on, and the next write succeeds.
 #[test]
-fn a_write_that_ends_in_its_middle_leaves_nothing_behind() {
+fn write_that_ends_in_its_middle_leaves_nothing_behind() {
     for end in [
         End::SwitchedOff,
         End::Reset,
@@ -313,7 +313,7 @@ fn a_write_that_ends_in_its_middle_leaves_nothing_behind() {
 
 /// The first write is given up at each of its steps, and the value is requested anew meanwhile.
 #[test]
-fn the_newer_of_two_requests_is_written_whenever_the_first_fails() {
+fn newer_of_two_requests_is_written_whenever_the_first_fails() {
     for wait in [3, 6, 10, 20, 60] {
         let mut machine = machine(fpga(), 1);
         cycles(&mut machine, 20);

@@ -13,7 +13,7 @@ fn in_doubt(cycle: u64) -> Machine<UdpBus<SimLink>> {
 }
 
 #[test]
-fn a_doubt_in_the_first_reads_is_shown_and_is_no_loss() {
+fn doubt_in_the_first_reads_is_shown_and_is_no_loss() {
     for cycle in [1, 5, 50, 90] {
         let mut machine = in_doubt(cycle);
         machine.cycles(150);
@@ -30,7 +30,7 @@ fn a_doubt_in_the_first_reads_is_shown_and_is_no_loss() {
 }
 
 #[test]
-fn a_bite_in_the_first_reads_is_no_loss() {
+fn bite_in_the_first_reads_is_no_loss() {
     let mut machine = Machine::fresh(embedded(muxed()), "at the start");
     machine.cycles(20);
     machine.happens(Trouble::Stall(300));
@@ -42,7 +42,7 @@ fn a_bite_in_the_first_reads_is_no_loss() {
 
 /// From then on the application has a position.
 #[test]
-fn a_doubt_after_a_reset_is_a_loss() {
+fn doubt_after_a_reset_is_a_loss() {
     let mut machine = Machine::fresh(network(muxed()), "at the start");
     machine.cycles(20);
     let (reset, axis) = (machine.encoder.counter.reset, machine.axis);
@@ -59,7 +59,7 @@ fn a_doubt_after_a_reset_is_a_loss() {
 }
 
 #[test]
-fn a_generator_that_was_not_enabled_has_nothing_to_lose() {
+fn generator_that_was_not_enabled_has_nothing_to_lose() {
     for is_enabled in [false, true] {
         let mut machine = Machine::fresh(embedded(plain()), "at the start");
         machine.cycles(5);

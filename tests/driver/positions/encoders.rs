@@ -116,7 +116,7 @@ fn all<B: Rig>(plain: &mut Machine<B>, muxed: &mut Machine<B>) {
 }
 
 #[test]
-fn counts_are_those_of_the_motor_after_faults_of_an_embedded_bus() {
+fn counts_match_the_motor_after_faults_of_an_embedded_bus() {
     let mut one = Machine::new(embedded(plain()), "embedded, plain");
     let mut other = Machine::new(embedded(muxed()), "embedded, muxed");
     all(&mut one, &mut other);
@@ -162,7 +162,7 @@ fn counts_are_followed_while_the_board_waits_to_be_re_armed() {
 
 /// The select line of multiplexed encoders is a pin that the set-up lets go of.
 #[test]
-fn a_bus_that_was_down_leaves_multiplexed_encoders_sure() {
+fn bus_that_was_down_leaves_multiplexed_encoders_sure() {
     let mut machine = Machine::new(network(muxed()), "bus down");
     let _ = machine.told(Positions::Encoders);
     machine.happens(Cut(75));
@@ -185,7 +185,8 @@ fn out_of_reach(fpga: fn() -> SimFpga) -> (Machine<Faulty<SimFpga>>, f64) {
     (machine, motor - f64::from(count))
 }
 
-/// The machine is re-armed. Returns true if its count is unsure; one that is sure is that of the motor.
+/// The machine is re-armed. Returns true if its count is unsure; one that is sure is that of the
+/// motor.
 fn is_unsure_after_a_re_arm(
     (mut machine, zero): (Machine<Faulty<SimFpga>>, f64),
     what: &str,
@@ -204,10 +205,10 @@ fn is_unsure_after_a_re_arm(
     is_unsure
 }
 
-/// A re-arm of a board that was only out of reach reads, then writes its set-up again: whatever happens
-/// between these accesses, a count is that of the motor, or it is unsure.
+/// A re-arm of a board that was only out of reach reads, then writes its set-up again: whatever
+/// happens between these accesses, a count is that of the motor, or it is unsure.
 #[test]
-fn a_reset_within_a_re_arm_leaves_no_wrong_count_sure() {
+fn reset_within_a_re_arm_leaves_no_wrong_count_sure() {
     for fpga in [plain, muxed] {
         let is_unsure = |access: u64| {
             let (mut machine, zero) = out_of_reach(fpga);
@@ -223,7 +224,7 @@ fn a_reset_within_a_re_arm_leaves_no_wrong_count_sure() {
 
 /// The select line of multiplexed encoders is released.
 #[test]
-fn a_bite_within_a_re_arm_leaves_no_wrong_count_sure() {
+fn bite_within_a_re_arm_leaves_no_wrong_count_sure() {
     let is_unsure = |wait: u64| {
         let (mut machine, zero) = out_of_reach(muxed);
         let bus = machine.driver.bus_mut();

@@ -1,4 +1,5 @@
-//! A board that is read and not written while it waits to be re-armed, as by the component for LinuxCNC.
+//! A board that is read and not written while it waits to be re-armed, as by the component for
+//! LinuxCNC.
 
 use mesa_hal::transport::{BusLog, RecordedEntry, Recording};
 
@@ -19,7 +20,8 @@ impl Rig for Recording<Faulty<SimFpga>> {
 }
 
 impl<B: Rig> Machine<B> {
-    /// Follows the board for a minute, in which the axis turns by a multiple of what its counter has.
+    /// Follows the board for a minute, in which the axis turns by a multiple of what its counter
+    /// has.
     fn follow_for_a_minute(&mut self) {
         for _ in 0..6 {
             for speed in [20.0, -5.0] {
@@ -35,7 +37,7 @@ impl<B: Rig> Machine<B> {
 }
 
 #[test]
-fn a_board_that_is_followed_is_read_and_not_written() {
+fn board_that_is_followed_is_read_and_not_written() {
     for (trouble, is_bitten) in [(Trouble::Cut(75), false), (Trouble::Deaf(300), true)] {
         let bus = Recording::new(embedded(plain()), BusLog::new(1_000_000));
         let mut machine = Machine::new(bus, "followed");
@@ -78,7 +80,7 @@ fn a_board_that_is_followed_is_read_and_not_written() {
 
 /// The motor stood still when the watchdog released its pins.
 #[test]
-fn the_estimate_of_a_bitten_generator_is_that_of_the_first_look() {
+fn estimate_of_a_bitten_generator_is_that_of_the_first_look() {
     for gap in [0, 300] {
         let mut machine = Machine::new(embedded(plain()), "bitten");
         let (shown, motor) = machine.steps();

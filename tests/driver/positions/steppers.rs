@@ -86,7 +86,7 @@ impl<B: Rig> Machine<B> {
 }
 
 #[test]
-fn positions_are_those_of_the_motor_after_faults_of_an_embedded_bus() {
+fn positions_match_the_motor_after_faults_of_an_embedded_bus() {
     Machine::new(embedded(plain()), "embedded").check_all_steps();
 }
 

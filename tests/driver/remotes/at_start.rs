@@ -1,5 +1,5 @@
-//! Remotes that are found at the start and cannot run: offline from then on, with all their pins, and
-//! tried again. The truth is the terminal of the simulated card.
+//! Remotes that are found at the start and cannot run: offline from then on, with all their pins,
+//! and tried again. The truth is the terminal of the simulated card.
 
 use crate::common::machine::{FIELD, Machine, fpga};
 use mesa_hal::Settings;
@@ -42,7 +42,7 @@ fn required() -> SerialConfig {
 }
 
 #[test]
-fn a_card_without_field_power_is_offline_with_all_its_pins() {
+fn card_without_field_power_is_offline_with_all_its_pins() {
     for is_required in [false, true] {
         let mut machine: Machine = Machine::on(without_field_power(), |settings| {
             if is_required {
@@ -125,7 +125,7 @@ mode 0 standard
 ";
 
 #[test]
-fn a_description_that_cannot_be_used_makes_no_pin() {
+fn description_that_cannot_be_used_makes_no_pin() {
     let mut fpga = fpga();
     let twice = Plain::from_description(TWICE).expect("a description");
     fpga.plug(0, FIELD, Some(Box::new(Cable::new(Box::new(twice), 0))));

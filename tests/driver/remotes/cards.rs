@@ -1,6 +1,6 @@
-//! Each card of public machines that is newer in the simulator, in each of its modes: found, started, with
-//! the names of its pins, each input and output through in its direction. FACTS 8.7 and 8.8 say what
-//! is known of a card, and what is assumed.
+//! Each card of public machines that is newer in the simulator, in each of its modes: found,
+//! started, with the names of its pins, each input and output through in its direction. FACTS 8.7
+//! and 8.8 say what is known of a card, and what is assumed.
 
 use std::any::Any;
 use std::collections::BTreeSet;
@@ -22,8 +22,8 @@ struct Card {
     make: fn() -> End,
     /// Its name in pins.
     name: &'static str,
-    /// The elements of each software mode: `name:N` are N bits `name-00` and so on, `name*N` are the
-    /// values `name0` and so on, with the greatest value of an analog one behind `=`.
+    /// The elements of each software mode: `name:N` are N bits `name-00` and so on, `name*N` are
+    /// the values `name0` and so on, with the greatest value of an analog one behind `=`.
     modes: &'static [&'static str],
 }
 

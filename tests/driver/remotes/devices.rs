@@ -133,7 +133,7 @@ fn drive(driver: &mut Driver<SimFpga>, channel: usize, name: &str) {
 }
 
 #[test]
-fn a_driver_runs_each_device_alone_in_each_of_its_modes() {
+fn driver_runs_each_device_alone_in_each_of_its_modes() {
     for (name, modes) in DEVICES {
         for mode in 0..modes {
             let mut driver = build(&[(name, mode)]).expect(name);
@@ -145,7 +145,7 @@ fn a_driver_runs_each_device_alone_in_each_of_its_modes() {
 }
 
 #[test]
-fn a_driver_runs_all_devices_in_company_in_any_order() {
+fn driver_runs_all_devices_in_company_in_any_order() {
     for first in 0..DEVICES.len() {
         let mut devices = DEVICES.map(|(name, modes)| (name, modes - 1));
         devices.rotate_left(first);
@@ -208,7 +208,7 @@ fn cable(driver: &mut Driver<SimFpga>, channel: usize) -> &mut Cable {
 
 /// FACTS 11.5: an 8I20 has its own start sequence in the gateware, and no tables.
 #[test]
-fn an_8i20_is_named_as_unsupported_and_does_not_disturb_other_remotes() {
+fn unsupported_8i20_is_named_and_does_not_disturb_others() {
     let mut driver = build(&[("7i64", 0), ("8i20", 0), ("7i72", 0)]).expect("the others");
     let [missing] = driver.missing() else {
         panic!("{:?}", driver.missing());
@@ -267,7 +267,7 @@ impl Between for SizesOfNormalStart {
 
 /// FACTS 4.7: the gateware gives a 7I64 its sizes. Their values in setup mode are not known.
 #[test]
-fn a_7i64_whose_sizes_only_the_normal_start_reports_runs_with_a_table_of_these_sizes() {
+fn table_of_equal_sizes_runs_a_7i64_sized_only_by_normal_start() {
     const OTHER: RemoteTable = RemoteTable {
         has_discovery: false,
         ..RemoteTable::new(
@@ -313,7 +313,7 @@ fn machine(ends: Vec<Box<dyn RemoteEnd>>) -> SimFpga {
 
 /// The remote's own tables are used, and the differences are reported.
 #[test]
-fn a_remote_that_differs_from_the_table_of_its_kind_runs_and_the_differences_are_reported() {
+fn remote_differing_from_its_table_runs_and_is_reported() {
     let text = "
 remote 7I77
 unit 0x11000007
@@ -347,7 +347,7 @@ mode 0 analogout_enables
 }
 
 #[test]
-fn scaled_numbers_without_finite_limits_run_and_a_problem_is_reported() {
+fn scaled_numbers_without_finite_limits_run_and_are_reported() {
     let text = "
 remote XYZ1
 unit 5
@@ -368,7 +368,7 @@ mode 0 m
 
 /// A silent channel is not a fault, unless the other half of a card is beside it.
 #[test]
-fn a_silent_channel_is_empty_unless_the_other_part_of_its_card_answers() {
+fn silent_channel_is_empty_unless_its_other_card_part_answers() {
     let missing = |silent: usize| {
         let mut fpga = machine(vec![device("7i77"), device("analog")]);
         fpga.plug(0, silent, None);
@@ -396,7 +396,7 @@ fn a_silent_channel_is_empty_unless_the_other_part_of_its_card_answers() {
 
 /// FACTS 8.1: both parts have the name 7I77, and differ in the top byte of the unit number.
 #[test]
-fn swapped_channels_of_a_7i77_are_detected_and_the_error_contains_the_next_step() {
+fn swapped_7i77_channels_are_detected_with_the_next_step() {
     let swapped = || machine(vec![device("analog"), device("7i77")]);
     let driver = Driver::start(swapped(), Settings::default()).expect("both run");
     let [remark] = driver.remarks() else {
@@ -440,7 +440,7 @@ fn swapped_channels_of_a_7i77_are_detected_and_the_error_contains_the_next_step(
 
 /// As in LinuxCNC: a channel with `x` leaves its RX, TX and TXEN to plain I/O.
 #[test]
-fn the_pins_of_channels_that_are_not_used_are_plain_io() {
+fn pins_of_channels_that_are_not_used_are_plain_io() {
     let build = |modes: &str| {
         let fpga = machines::six_axes_7i92(mesa_hal_sim::Motor::default());
         let modes: SerialConfig = modes.parse().expect("modes");
@@ -462,7 +462,7 @@ fn the_pins_of_channels_that_are_not_used_are_plain_io() {
 
 /// Names as hostmot2 makes them: the second letter small, the others as the card has them.
 #[test]
-fn the_second_letter_of_a_cards_name_is_small_and_no_other() {
+fn second_letter_of_a_cards_name_is_small_and_no_other() {
     for (name, expected) in [
         ("PnLb", "PnLb"),
         ("TsHW", "TsHW"),

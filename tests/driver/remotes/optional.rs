@@ -109,7 +109,7 @@ fn reason(shop: &Shop) -> String {
 }
 
 #[test]
-fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
+fn card_of_an_unknown_kind_has_typed_handles() {
     let mut shop = {
         // A remote that is present is used with its own tables, optional or not.
         let board = board(Some(valve_block("")), optional(OUTPUTS, 0, &VALVES));
@@ -162,7 +162,7 @@ fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
 }
 
 #[test]
-fn a_remote_that_is_absent_at_the_start_and_not_optional_stays_missing() {
+fn remote_absent_at_start_and_not_optional_stays_missing() {
     let board = board(None, Settings::default());
     let mut board = board.discover().expect("two remotes");
     let error = board
@@ -183,7 +183,7 @@ fn a_remote_that_is_absent_at_the_start_and_not_optional_stays_missing() {
 }
 
 #[test]
-fn an_optional_remote_comes_up_when_it_is_plugged_in_and_waits_to_be_armed() {
+fn optional_remote_starts_when_plugged_in_and_waits_to_be_armed() {
     let mut shop = shop();
     let handles = shop.cards;
     assert_eq!(
@@ -231,7 +231,7 @@ fn an_optional_remote_comes_up_when_it_is_plugged_in_and_waits_to_be_armed() {
 }
 
 #[test]
-fn another_card_in_the_place_of_an_optional_remote_stays_offline_with_the_reason() {
+fn other_card_at_an_optional_remote_stays_offline_with_a_reason() {
     let mut shop = shop();
     let stays_offline = |shop: &mut Shop, text: &[&str]| {
         shop.until(12_000, |shop| reason(shop).contains(text[0]));
@@ -260,7 +260,7 @@ fn another_card_in_the_place_of_an_optional_remote_stays_offline_with_the_reason
 
 /// Neither one that is present at the start nor one that is plugged in later.
 #[test]
-fn an_optional_remote_with_another_unit_number_than_is_asked_for_is_not_taken() {
+fn optional_remote_with_another_unit_number_is_not_taken() {
     for is_there in [false, true] {
         let shop_of = |unit_number| {
             let mut settings = optional(OUTPUTS, 0, &VALVES);
@@ -288,7 +288,7 @@ fn are_open_somewhere(shop: &Shop) -> bool {
 }
 
 #[test]
-fn a_table_that_knows_its_firmware_takes_no_other() {
+fn table_that_knows_its_firmware_takes_no_other() {
     let mut fpga = fpga();
     let _ = fpga.plug(0, OUTPUTS, None);
     let driver = Driver::start(fpga, optional(OUTPUTS, 0, &VALVES_OF_FIRMWARE_1));
@@ -301,7 +301,7 @@ fn a_table_that_knows_its_firmware_takes_no_other() {
 }
 
 #[test]
-fn the_field_io_of_a_7i77_may_be_plugged_in_later_in_the_mode_it_is_configured_for() {
+fn field_io_of_a_7i77_plugged_in_later_runs_in_configured_mode() {
     let mut fpga = fpga();
     let _ = fpga.plug(0, FIELD, None);
     let driver = Driver::start(fpga, optional(FIELD, 2, &i7i77::FIELD));
@@ -325,7 +325,7 @@ fn the_field_io_of_a_7i77_may_be_plugged_in_later_in_the_mode_it_is_configured_f
 
 /// FACTS 5.7: an attempt at a channel without a remote takes the port for 17 ms.
 #[test]
-fn the_neighbours_of_an_absent_remote_lose_less_than_a_hundredth_and_no_output() {
+fn absent_remote_costs_neighbours_under_1_percent_and_no_output() {
     let mut shop = shop();
     let field: I7i77Field = shop.driver.attach((0, FIELD as u8)).expect("field I/O");
     shop.cycles(5);
@@ -355,7 +355,7 @@ fn the_neighbours_of_an_absent_remote_lose_less_than_a_hundredth_and_no_output()
 }
 
 #[test]
-fn an_optional_remote_of_which_the_table_does_not_know_all_is_refused() {
+fn optional_remote_with_an_incomplete_table_is_refused() {
     let mut fpga = fpga();
     let _ = fpga.plug(0, OUTPUTS, None);
     let error = Driver::start(fpga, optional(OUTPUTS, 1, &i7i72::REMOTE)).unwrap_err();
@@ -369,7 +369,7 @@ fn an_optional_remote_of_which_the_table_does_not_know_all_is_refused() {
 /// With limits that are not finite, full scale would silently be 1. FACTS 11.10: floating-point
 /// numbers may have such limits.
 #[test]
-fn an_optional_remote_with_a_number_whose_limits_are_not_finite_is_refused() {
+fn optional_remote_with_non_finite_limits_is_refused() {
     const fn meter(elements: &'static [ElementTable; 1]) -> RemoteTable {
         RemoteTable::new("meter", *b"METR", elements)
     }

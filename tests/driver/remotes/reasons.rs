@@ -1,5 +1,5 @@
-//! The reason of a remote that is offline is the present one, whatever faults came before. The truth
-//! is the simulated remote: its cable, its field power, and the resets of its board.
+//! The reason of a remote that is offline is the present one, whatever faults came before. The
+//! truth is the simulated remote: its cable, its field power, and the resets of its board.
 
 use std::time::Duration;
 
@@ -144,7 +144,7 @@ impl Shop {
 }
 
 #[test]
-fn the_reason_is_the_present_one_after_any_three_faults() {
+fn reason_is_the_present_one_after_any_three_faults() {
     let mut sequences = 0;
     for number in 0..Deed::ALL.len().pow(3) {
         let deeds = [number / 36, number / 6 % 6, number % 6].map(|n| Deed::ALL[n]);

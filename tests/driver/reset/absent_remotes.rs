@@ -5,7 +5,7 @@ use mesa_hal::driver::{BoardState, SerialConfig};
 use mesa_hal_sim::{Motor, SimFpga, machines};
 
 #[test]
-fn a_reset_while_all_remotes_are_unplugged_is_detected_in_the_next_cycle() {
+fn reset_with_all_remotes_unplugged_is_detected_next_cycle() {
     let mut machine = Machine::new();
     machine.cycles(5);
     for channel in [FIELD, ANALOG, OUTPUTS] {
@@ -23,7 +23,7 @@ fn a_reset_while_all_remotes_are_unplugged_is_detected_in_the_next_cycle() {
 }
 
 #[test]
-fn encoders_of_a_board_without_remotes_do_not_jump_when_it_is_reset() {
+fn encoders_of_a_board_without_remotes_do_not_jump_on_reset() {
     let fpga = machines::six_axes_7i92(Motor::default());
     let no_remotes = SerialConfig {
         channels: [].into(),
@@ -82,7 +82,7 @@ fn inputs_of_a_reset_board_are_valid_again_after_the_re_arm() {
 /// A board that was reset drives its pins as plain outputs when only their directions are written:
 /// low, which switches on every device that is enabled by a low pin.
 #[test]
-fn a_board_that_lost_its_set_up_drives_no_pin_before_it_is_re_armed() {
+fn board_that_lost_its_set_up_drives_no_pin_until_rearmed() {
     for bite in [false, true] {
         let mut machine = Machine::new();
         machine.cycles(5);

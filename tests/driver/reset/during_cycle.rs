@@ -313,7 +313,7 @@ fn reset_at<B: World>(bus: B, remotes: bool, change: Change, delay: u64, name: S
 }
 
 #[test]
-fn a_reset_at_any_moment_of_a_cycle_is_seen_whatever_the_write_holds() {
+fn reset_at_any_moment_of_a_cycle_is_detected_for_any_write() {
     for (n, change) in CHANGES.into_iter().enumerate() {
         let remotes = change == Change::Restart;
         let mut probe = Machine::running(world(remotes), remotes, "probe".into());
@@ -332,7 +332,7 @@ fn a_reset_at_any_moment_of_a_cycle_is_seen_whatever_the_write_holds() {
 }
 
 #[test]
-fn over_ethernet_a_reset_at_any_moment_of_a_cycle_is_seen_whatever_the_write_holds() {
+fn reset_at_any_moment_over_ethernet_is_detected_for_any_write() {
     for (n, change) in CHANGES.into_iter().enumerate() {
         let remotes = change == Change::Restart;
         let mut delay = 3_000 * n as u64;
@@ -345,7 +345,7 @@ fn over_ethernet_a_reset_at_any_moment_of_a_cycle_is_seen_whatever_the_write_hol
 }
 
 #[test]
-fn a_reset_right_after_the_set_up_was_restored_is_seen_as_well() {
+fn reset_right_after_the_set_up_was_restored_is_seen_as_well() {
     // From the first write of the set-up on, which follows a read of the cookie, of the firmware's
     // description and of all registers: an earlier loss is repaired by the set-up itself.
     let mut machine = Machine::running(world(false), false, "a look".into());

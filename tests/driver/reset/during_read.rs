@@ -29,7 +29,7 @@ fn running() -> Machine {
 }
 
 #[test]
-fn a_reset_between_any_two_accesses_of_a_read_leaves_no_input_valid_that_was_not_true() {
+fn reset_between_accesses_of_a_read_leaves_no_false_valid_input() {
     let mut resets = 0;
     for access in 0..200 {
         let mut machine = running();
@@ -80,7 +80,7 @@ fn a_reset_between_any_two_accesses_of_a_read_leaves_no_input_valid_that_was_not
 
 /// All words read from then on are ones, also in the middle of a read.
 #[test]
-fn a_long_reset_between_any_two_accesses_of_a_read_is_no_bite() {
+fn long_reset_between_any_two_accesses_of_a_read_is_no_bite() {
     let mut resets = 0;
     for access in 0..200 {
         let driver = Driver::start(fpga(), Settings::default());

@@ -91,7 +91,7 @@ fn set_volts(driver: &mut Driver<SimFpga>, volts: f64) {
 }
 
 #[test]
-fn a_reset_at_any_moment_of_the_start_leaves_nothing_on() {
+fn reset_at_any_moment_of_the_start_leaves_nothing_on() {
     let mut fpga = board();
     let begun = SimFpga::now(&fpga);
     let driver = Driver::start(fpga, settings()).expect("no reset");
@@ -143,7 +143,7 @@ fn a_reset_at_any_moment_of_the_start_leaves_nothing_on() {
 
 /// Words that are read around a reset are no identity of the firmware.
 #[test]
-fn after_a_start_around_a_long_reset_every_fault_can_be_re_armed() {
+fn every_fault_can_be_rearmed_after_a_start_around_a_long_reset() {
     let (mut started, mut failed) = (0, 0);
     // The reset begins before the start, or at any time of it.
     for time in [2_000, 30_000, 300_000] {

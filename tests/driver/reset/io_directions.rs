@@ -169,7 +169,7 @@ impl Rig {
 }
 
 #[test]
-fn a_board_that_is_reset_drives_an_io_pin_for_no_longer_than_a_packet_takes() {
+fn reset_board_drives_an_io_pin_no_longer_than_one_packet() {
     let mut on = 0;
     for after in (0..300_000).step_by(5_000) {
         let longest = Rig::new().loses_it(false, after);
@@ -180,7 +180,7 @@ fn a_board_that_is_reset_drives_an_io_pin_for_no_longer_than_a_packet_takes() {
 }
 
 #[test]
-fn a_packet_that_comes_twice_drives_an_io_pin_of_a_reset_board_for_no_longer_than_it_takes() {
+fn duplicate_packet_drives_reset_boards_pin_one_packet_at_most() {
     for late in [200_000, 500_000, 818_000] {
         let mut rig = Rig::new();
         rig.machine.driver.bus_mut().link().to_board =
@@ -191,7 +191,7 @@ fn a_packet_that_comes_twice_drives_an_io_pin_of_a_reset_board_for_no_longer_tha
 }
 
 #[test]
-fn a_board_whose_watchdog_bites_drives_an_io_pin_until_its_evidence_is_read() {
+fn bitten_board_drives_an_io_pin_only_until_evidence_is_read() {
     for after in (0..300_000).step_by(5_000) {
         let mut rig = Rig::new();
         rig.machine.driver.bus_mut().link().to_board = good();
@@ -201,7 +201,7 @@ fn a_board_whose_watchdog_bites_drives_an_io_pin_until_its_evidence_is_read() {
 }
 
 #[test]
-fn a_board_that_bites_and_is_not_heard_drives_an_io_pin_until_it_bites_again() {
+fn bitten_board_without_replies_drives_io_pin_until_next_bite() {
     let mut on = 0;
     for after in (0..300_000).step_by(5_000) {
         let longest = Rig::new().bites_unheard(after);

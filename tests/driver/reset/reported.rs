@@ -42,7 +42,7 @@ fn check<B: World>((driver, told): (Driver<B>, Vec<EventKind>), is_long: bool, w
 }
 
 #[test]
-fn a_reset_is_reported_as_a_reset_however_long_it_lasts() {
+fn reset_is_reported_as_a_reset_however_long_it_lasts() {
     for away in [1, 4, 8, 12, 30, 300] {
         for offset in [0, 5_000, 200_000, 500_000, 900_000] {
             let fpga = machines::six_axes_7i97(Motor::default());
@@ -53,7 +53,7 @@ fn a_reset_is_reported_as_a_reset_however_long_it_lasts() {
 }
 
 #[test]
-fn a_reset_of_a_board_on_ethernet_is_reported_as_a_reset_however_long_it_lasts() {
+fn ethernet_board_reset_is_reported_as_a_reset_at_any_length() {
     for away in [1, 30, 300] {
         let bus = connect(SimLink::new(machines::six_axes_7i97(Motor::default())));
         let ended = run(bus, |bus: &mut UdpBus<SimLink>| {
@@ -67,7 +67,7 @@ fn a_reset_of_a_board_on_ethernet_is_reported_as_a_reset_however_long_it_lasts()
 
 /// A bus that is down while the board keeps its set-up is no reset, whatever its watchdog does.
 #[test]
-fn a_bus_that_was_down_is_not_reported_as_a_reset() {
+fn bus_that_was_down_is_not_reported_as_a_reset() {
     for down in [20, 60, 300] {
         let bus = connect(SimLink::new(machines::six_axes_7i97(Motor::default())));
         let (driver, told) = run(bus, |bus: &mut UdpBus<SimLink>| {
@@ -135,7 +135,7 @@ impl<B: World> Kept<B> {
 /// A board that is reset restarts its counters of packets as well, so that a write that is lost
 /// with it is uncertain.
 #[test]
-fn a_reset_on_ethernet_that_is_shorter_than_the_watchdogs_time_is_one_reset_and_no_bite() {
+fn ethernet_reset_below_watchdog_time_is_one_reset_and_no_bite() {
     for (watchdog, longest) in [(50, 30), (800, 300)] {
         for away in [0, 1, 3, 6, 10, 30, 100, 300] {
             for offset in [0, 1_000_000, 2_500_000, 4_900_000] {
@@ -157,7 +157,7 @@ fn a_reset_on_ethernet_that_is_shorter_than_the_watchdogs_time_is_one_reset_and_
 }
 
 #[test]
-fn a_bite_while_the_host_paused_within_a_cycle_is_no_reset() {
+fn bite_while_the_host_paused_within_a_cycle_is_no_reset() {
     for (watchdog, pause) in [(20, 21), (20, 500), (800, 801), (800, 2000)] {
         let fpga = machines::six_axes_7i97(Motor::default());
         let mut kept = Kept::start(fpga, watchdog);

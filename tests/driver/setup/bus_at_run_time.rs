@@ -34,7 +34,7 @@ fn run<B: RegisterBus + Clock>(bus: B) -> (Driver<B>, Vec<(AnyValue, bool)>) {
 }
 
 #[test]
-fn a_driver_works_the_same_on_a_bus_whose_type_is_hidden() {
+fn driver_works_the_same_on_a_bus_whose_type_is_hidden() {
     let (_, expected) = run(fpga());
     let (_, pins) = run(DynBus::new(fpga()));
     assert!(pins.iter().any(|(_, valid)| *valid), "inputs are read");
@@ -42,7 +42,7 @@ fn a_driver_works_the_same_on_a_bus_whose_type_is_hidden() {
 }
 
 #[test]
-fn an_error_of_a_cycle_keeps_its_kind_and_its_text_when_the_type_of_the_bus_is_hidden() {
+fn cycle_error_keeps_kind_and_text_with_a_hidden_bus_type() {
     let lost = Fault::NotExecuted(BusErrorKind::Lost);
     let failing = |exchange| {
         let mut bus = Faulty::new(fpga(), 1);

@@ -69,7 +69,7 @@ impl Bench {
 }
 
 #[test]
-fn an_impossible_parameter_gets_an_allowed_value_and_an_event() {
+fn impossible_parameter_gets_an_allowed_value_and_an_event() {
     let mut bench = Bench::new();
     for (name, asked, expected, allowed) in [
         ("pwmgen.00.output-type", 5, 1, "1 to 4"),
@@ -122,7 +122,7 @@ fn an_impossible_parameter_gets_an_allowed_value_and_an_event() {
 
 /// HAL owns pins, and sets them in every cycle.
 #[test]
-fn an_impossible_pin_is_reported_once_for_each_value() {
+fn impossible_pin_is_reported_once_for_each_value() {
     let mut bench = Bench::new();
     for (name, wrong, right) in [
         (

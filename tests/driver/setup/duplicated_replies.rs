@@ -11,7 +11,7 @@ use mesa_hal::{Board, RemoteId, Settings};
 use mesa_hal_sim::machines;
 
 #[test]
-fn the_parameters_of_a_port_are_its_own_on_a_network_that_duplicates() {
+fn parameters_of_a_port_are_its_own_on_a_duplicating_network() {
     let mut expected = None;
     let mut known = 0;
     for seed in 0..400 {
@@ -36,10 +36,10 @@ fn the_parameters_of_a_port_are_its_own_on_a_network_that_duplicates() {
     assert!(known > 200, "{known}");
 }
 
-/// Process data that is laid out, or scaled, by a byte of another place would be a wrong value for as
-/// long as the driver runs.
+/// Process data that is laid out, or scaled, by a byte of another place would be a wrong value for
+/// as long as the driver runs.
 #[test]
-fn the_description_of_a_remote_is_its_own_on_a_network_that_duplicates() {
+fn remote_description_is_its_own_on_a_duplicating_network() {
     let discovered = |bus| {
         let board = Board::identify(bus, Settings::default()).ok()?;
         let board = board.discover().ok()?;

@@ -1,4 +1,5 @@
-//! The pins of a serial channel on which nothing answers are plain I/O, with the settings of LinuxCNC.
+//! The pins of a serial channel on which nothing answers are plain I/O, with the settings of
+//! LinuxCNC.
 
 use std::time::Duration;
 

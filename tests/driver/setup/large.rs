@@ -1,5 +1,5 @@
-//! A firmware whose set-up is larger than a packet: twelve step generators with tables. The truth is
-//! the simulated board.
+//! A firmware whose set-up is larger than a packet: twelve step generators with tables. The truth
+//! is the simulated board.
 
 use std::time::Duration;
 
@@ -57,7 +57,7 @@ fn outputs(driver: &mut Machine) -> Vec<u32> {
 }
 
 #[test]
-fn a_set_up_larger_than_a_packet_is_written_in_parts() {
+fn set_up_larger_than_a_packet_is_written_in_parts() {
     let mut driver = machine();
     assert_eq!(generators(&driver).len(), 12);
     for _ in 0..20 {
@@ -111,7 +111,7 @@ fn set_tables(driver: &mut Machine) {
 }
 
 #[test]
-fn a_lost_part_of_the_set_up_is_made_good() {
+fn lost_part_of_the_set_up_is_made_good() {
     for lost in 0..12 {
         let settings = Settings {
             stepgen_width: 6,

@@ -53,7 +53,7 @@ const FRESH: [(&str, f64); 9] = [
 
 /// A board without a table is not given the rate of a 7I77 that may not hang on it.
 #[test]
-fn multiplexed_encoders_of_an_unknown_board_begin_with_the_rate_of_linuxcnc() {
+fn muxed_encoders_of_an_unknown_board_start_at_linuxcncs_rate() {
     for (name, hz) in [(*b"MESA7I97", 6_250_000.0), (*b"MESA7I9X", 8_333_333.0)] {
         let mut firmware = machines::firmware_7i97(1);
         firmware.board = name;
@@ -85,7 +85,7 @@ fn values_that_differ_are_those_of_linuxcnc_or_of_the_board() {
 
 /// Seen in LinuxCNC on a simulated 7I92 (`crates/mesa-linuxcnc/tests/linuxcnc/boards.rs`).
 #[test]
-fn a_pwm_descriptor_without_generators_has_the_frequencies_of_linuxcnc() {
+fn pwm_descriptor_without_generators_has_linuxcnc_frequencies() {
     let i7i92 = |config| loaded(machines::firmware_7i92_7i77(), config).expect(config);
     let fresh = i7i92("");
     for name in ["pwmgen.pwm_frequency", "pwmgen.pdm_frequency"] {
@@ -182,7 +182,7 @@ fn refusal(started: Started, said: &str) -> Option<Advice> {
 }
 
 #[test]
-fn more_instances_than_there_are_is_refused_where_linuxcnc_refuses_it() {
+fn too_many_instances_are_refused_where_linuxcnc_refuses_them() {
     let firmware = || machines::firmware_7i97(1);
     for (config, said) in [
         ("num_encoders=7", "encoder 7, expected at most 6"),
@@ -252,7 +252,7 @@ const SECOND_NAMES: [&str; 12] = [
 ];
 
 #[test]
-fn parameters_of_pins_that_modules_drive_have_linuxcncs_second_names() {
+fn parameters_of_module_driven_pins_have_linuxcncs_second_names() {
     let driver = i7i97("");
     let pins = driver.pins();
     let expected: Vec<String> = SECOND_NAMES

@@ -73,7 +73,7 @@ fn modules_that_are_not_driven_are_in_the_log_with_their_pins() {
 }
 
 #[test]
-fn a_driver_is_a_line_with_its_board_its_remotes_and_what_it_drives() {
+fn driver_is_one_line_with_board_remotes_and_driven_modules() {
     let driver: Driver<SimFpga> = start(machines::i7i92_with_cards(), |_| {}).expect("it starts");
     let line = driver.to_string();
     let expected = "hm2_7i92.0 (MESA7I92): 3 remotes (7i77.0.0, 7i77.0.1, 7i72.0.2), 6 encoders";

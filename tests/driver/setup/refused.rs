@@ -17,7 +17,7 @@ use mesa_hal::{MesaError, advice};
 use mesa_hal_sim::{SimFpga, gtag, machines};
 
 #[test]
-fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {
+fn missing_or_wrong_required_remote_fails_the_build() {
     const OTHER: RemoteTable = RemoteTable::new("other card", *b"7I84", &[]);
     let build = |remote: RemoteConfig, fpga: &mut SimFpga| {
         let mut config = SerialConfig::default();
@@ -57,7 +57,7 @@ fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {
 /// Directions that the board reads back are evidence, which is only known when all modules have
 /// registered: with no serial port, nothing registers after this one.
 #[test]
-fn a_module_that_reads_directions_as_data_is_refused_with_the_register() {
+fn module_reading_directions_as_data_is_refused_with_register() {
     #[derive(Debug)]
     struct Curious;
 
@@ -82,7 +82,7 @@ fn a_module_that_reads_directions_as_data_is_refused_with_the_register() {
 }
 
 #[test]
-fn a_period_that_is_too_short_is_refused_with_the_time_it_needs() {
+fn period_that_is_too_short_is_refused_with_the_time_it_needs() {
     let mut simulated = fpga();
     let period = Duration::from_micros(50);
     let result = start(&mut simulated, |s| s.period = period);
@@ -125,7 +125,7 @@ impl Clock for &mut TooSmall {
 }
 
 #[test]
-fn a_bus_that_does_not_take_the_cycle_fails_the_start_and_the_remotes_are_stopped() {
+fn bus_refusing_the_cycle_fails_the_start_and_stops_remotes() {
     let mut bus = TooSmall(fpga());
     let error = Driver::start(&mut bus, Settings::default()).unwrap_err();
     assert!(matches!(error, DriverError::Bus(_)), "{error}");
@@ -137,7 +137,7 @@ fn a_bus_that_does_not_take_the_cycle_fails_the_start_and_the_remotes_are_stoppe
 }
 
 #[test]
-fn invalid_settings_are_refused_with_the_values_that_are_allowed() {
+fn invalid_settings_are_refused_with_the_allowed_values() {
     let mut settings = [(); 2].map(|()| Settings::default());
     settings[0].bus_error_limit = 0;
     settings[1].watchdog = Some(Duration::from_secs(3600));
@@ -150,7 +150,7 @@ fn invalid_settings_are_refused_with_the_values_that_are_allowed() {
 }
 
 #[test]
-fn a_restart_of_a_channel_without_a_remote_returns_false() {
+fn restart_of_a_channel_without_a_remote_returns_false() {
     let mut driver = start(fpga(), |_| {}).expect("it runs");
     assert!(driver.restart((0, OUTPUTS as u8)));
     for (port, channel) in [(0, 7), (0, 200), (7, 0)] {

@@ -23,7 +23,7 @@ fn millis(n: u64) -> Duration {
 }
 
 #[test]
-fn a_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmetic() {
+fn board_watchdog_too_short_for_period_is_refused_with_numbers() {
     let result = start(fpga(), |s| s.watchdog = Some(Duration::from_micros(1_900)));
     let Err(error @ DriverError::WatchdogTooShort { needed, .. }) = result else {
         panic!("built");
@@ -38,7 +38,7 @@ fn a_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmetic() {
 }
 
 #[test]
-fn a_remotes_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmetic() {
+fn remote_watchdog_too_short_for_period_is_refused_with_numbers() {
     let built = |period| {
         start(fpga(), |s| {
             s.instances = [(Gtag::HM2DPLL, 0)].into();
@@ -115,7 +115,7 @@ fn watchdog_and_deadline_follow_the_period() {
 
 /// Another program has left the board in the worst state.
 #[test]
-fn a_board_whose_watchdog_runs_and_whose_pins_are_driven_is_set_up_without_a_bite() {
+fn board_left_running_and_driven_is_set_up_without_a_bite() {
     let mut fpga = machines::i7i97(1);
     machines::wire_7i97(&mut fpga, |_| Motor::default());
     fpga.write_register(0x0C00, 4_000_000);
@@ -145,7 +145,7 @@ fn a_board_whose_watchdog_runs_and_whose_pins_are_driven_is_set_up_without_a_bit
 }
 
 #[test]
-fn a_bite_right_after_rearming_is_seen() {
+fn bite_right_after_rearming_is_seen() {
     let mut driver = Driver::start(fpga(), Settings::default()).expect("the board is complete");
     for silence in [1, 2, 4, 6] {
         for _ in 0..5 {

@@ -1,5 +1,5 @@
-//! Words of LinuxCNC's `config=` for modules that this crate does not drive: without effect where the
-//! firmware has none of them, as in hm2_eth, and refused with a sentence where it has.
+//! Words of LinuxCNC's `config=` for modules that this crate does not drive: without effect where
+//! the firmware has none of them, as in hm2_eth, and refused with a sentence where it has.
 
 use mesa_eth::Config;
 use mesa_hal::Board;

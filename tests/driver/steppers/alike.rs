@@ -1,5 +1,5 @@
-//! An application that is written for an axis runs on an analog drive with its encoder and on a step
-//! generator alike.
+//! An application that is written for an axis runs on an analog drive with its encoder and on a
+//! step generator alike.
 
 use std::time::Duration;
 
@@ -76,7 +76,7 @@ fn drive<B: RegisterBus + Clock>(
 }
 
 #[test]
-fn the_same_function_moves_a_servo_drive_and_a_step_generator() {
+fn same_function_moves_a_servo_drive_and_a_step_generator() {
     let motor = Motor::new(MotorConfig::default()).expect("a motor");
     let board = machines::six_axes_7i97(motor);
     let mut driver = Driver::start(board, Settings::default()).expect("it starts");
@@ -109,7 +109,7 @@ fn the_same_function_moves_a_servo_drive_and_a_step_generator() {
 
 /// The limits of a 7I77's output are in its unit, and are ±10 at first: a 7I97's has none.
 #[test]
-fn an_axis_of_a_7i77_reaches_its_full_speed() {
+fn axis_of_a_7i77_reaches_its_full_speed() {
     let motor = Motor::new(MotorConfig::default()).expect("a motor");
     let board = machines::six_axes_7i92(motor);
     let mut driver = Driver::start(board, Settings::default()).expect("it starts");

@@ -73,8 +73,8 @@ fn slow(step_type: u32) -> Machine {
     machine
 }
 
-/// Moves downwards at a speed, and stops. Returns true if a pulse was on its way when the rate became
-/// 0.
+/// Moves downwards at a speed, and stops. Returns true if a pulse was on its way when the rate
+/// became 0.
 fn move_and_stop(machine: &mut Machine, speed: f64, seen: &mut Seen, is_up_down: bool) -> bool {
     let pins = machine.pins;
     let mut was_in_pulse = false;
@@ -109,7 +109,7 @@ fn stops(machine: &mut Machine, is_up_down: bool) -> Seen {
 }
 
 #[test]
-fn a_motion_downwards_ends_without_a_false_step_in_up_down() {
+fn motion_downwards_ends_without_a_false_step_in_up_down() {
     let mut machine = slow(1);
     let seen = stops(&mut machine, true);
     let counts = machine.driver.pins().read(machine.pins.counts).value;
@@ -119,7 +119,7 @@ fn a_motion_downwards_ends_without_a_false_step_in_up_down() {
 }
 
 #[test]
-fn the_direction_changes_after_the_pulse_when_a_motion_downwards_ends() {
+fn direction_changes_after_the_pulse_when_a_downward_move_ends() {
     let mut machine = slow(0);
     let seen = stops(&mut machine, false);
     let counts = machine.driver.pins().read(machine.pins.counts).value;
@@ -131,7 +131,7 @@ fn the_direction_changes_after_the_pulse_when_a_motion_downwards_ends() {
 /// The register of the driver makes the difference: with a hold that is shorter than the pulse, the
 /// rest of the pulse appears on the other pin.
 #[test]
-fn with_a_hold_that_does_not_include_the_pulse_the_gateware_makes_a_false_step() {
+fn hold_that_excludes_the_pulse_causes_a_false_gateware_step() {
     let mut machine = slow(1);
     let fpga = &mut machine.driver.bus_mut().inner;
     fpga.write_register(DIR_HOLD_REGISTER, 1);

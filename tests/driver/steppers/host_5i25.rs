@@ -1,5 +1,5 @@
-//! A 5I25 with a 7I77 and a 7I76: servo axes, stepper axes and a spindle in one cycle, with the clock
-//! of the PCI bus.
+//! A 5I25 with a 7I77 and a 7I76: servo axes, stepper axes and a spindle in one cycle, with the
+//! clock of the PCI bus.
 
 use mesa_hal::bus::Clock;
 use mesa_hal::hal::Axis;
@@ -24,7 +24,7 @@ fn cycle(driver: &mut Driver<SimFpga>, act: impl FnOnce(&mut Driver<SimFpga>)) {
 }
 
 #[test]
-fn six_servo_axes_and_five_steppers_of_a_5i25_arrive_together_and_the_spindle_turns() {
+fn eleven_axes_of_a_5i25_arrive_together_and_the_spindle_turns() {
     let config = MotorConfig::default();
     let servo = Motor::new(config).expect("a motor");
     let board = machines::eleven_axes_5i25(servo, motor());

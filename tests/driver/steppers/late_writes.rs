@@ -73,7 +73,7 @@ fn assert_known(machine: &mut Networked, zero: i64) {
 /// The last write of a motion arrives again, or for the first time, when the generator has been
 /// stopped: it moves until the next write, and no longer.
 #[test]
-fn an_old_rate_moves_the_motor_until_the_next_write_and_the_position_is_known_at_the_next_read() {
+fn old_rate_acts_until_next_write_and_next_read_has_position() {
     for speed in [8.0, -8.0] {
         for (late, is_doubled) in [
             (300 * MICRO, true),
@@ -105,8 +105,8 @@ fn an_old_rate_moves_the_motor_until_the_next_write_and_the_position_is_known_at
                 before = now;
             }
             let told = format!("{speed}, {late} ns late, twice: {is_doubled}: {moved:?}");
-            // Until the write of the next period, with a step that has waited, and one on the way of the
-            // write that stops it.
+            // Until the write of the next period, with a step that has waited, and one on the way
+            // of the write that stops it.
             let a_period = (speed.abs() * SCALE * PERIOD.as_secs_f64()) as i64;
             let old: i64 = moved.iter().sum();
             assert!(old <= a_period + 2, "{told}");
@@ -187,7 +187,7 @@ fn wander(seed: u64) {
 }
 
 #[test]
-fn on_a_network_that_holds_back_and_doubles_writes_the_position_is_that_of_the_motor() {
+fn position_matches_the_motor_with_late_and_duplicate_writes() {
     for seed in 1..=6 {
         wander(seed);
     }

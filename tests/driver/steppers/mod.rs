@@ -1,5 +1,5 @@
-//! Step generators, compared with a stepper motor on their pins: the motor loses steps where pulses are
-//! too fast, too short, or change their direction too early.
+//! Step generators, compared with a stepper motor on their pins: the motor loses steps where pulses
+//! are too fast, too short, or change their direction too early.
 
 use std::time::Duration;
 
@@ -122,7 +122,7 @@ impl<B: World> Machine<B> {
 }
 
 #[test]
-fn a_motor_follows_steps_smooth_commands_and_reversals_without_losing_a_step() {
+fn motor_follows_steps_smooth_moves_and_reversals_without_loss() {
     let mut machine = machine();
     for command in [3.0, -2.0, -1.999, 0.0] {
         for _ in 0..1_500 {
@@ -130,8 +130,8 @@ fn a_motor_follows_steps_smooth_commands_and_reversals_without_losing_a_step() {
         }
         machine.assert_true(command);
     }
-    // Turns in the middle of a step, on the boundary between two, and just beyond it, where the motor
-    // gets a step up and a step down close together.
+    // Turns in the middle of a step, on the boundary between two, and just beyond it, where the
+    // motor gets a step up and a step down close together.
     for offset in [0.000_5, 0.0, 0.000_01, -0.000_01] {
         let wave = |period: u32| offset + 2.0 * (1.0 - (f64::from(period) * 0.004).cos());
         for period in 0..4_000 {
@@ -149,7 +149,7 @@ fn a_motor_follows_steps_smooth_commands_and_reversals_without_losing_a_step() {
 }
 
 #[test]
-fn a_motor_stands_after_a_bite_and_the_position_is_unsure() {
+fn motor_stands_after_a_bite_and_the_position_is_unsure() {
     let mut machine = machine();
     let mut events = machine.driver.events();
     for _ in 0..20 {
@@ -216,7 +216,7 @@ fn lost_packets_lose_no_step_of_the_motor() {
 
 /// Reported once, with the generator and both values.
 #[test]
-fn what_a_generator_cannot_do_is_an_event() {
+fn request_beyond_a_generators_limits_is_an_event() {
     let mut machine = machine();
     let (mut events, pins) = (machine.driver.events(), machine.pins);
     machine

@@ -163,7 +163,7 @@ fn moved(machine: &mut Machine<Listened>, target: f64) {
 
 /// Also on a board that another program has left running.
 #[test]
-fn a_pulse_has_a_length_whenever_the_generators_run_over_the_whole_start() {
+fn pulse_length_is_set_whenever_generators_run_during_start() {
     for is_left_running in [false, true] {
         let (fpga, axis) = board();
         let mut bus = Listened::new(fpga);
@@ -188,7 +188,7 @@ fn a_pulse_has_a_length_whenever_the_generators_run_over_the_whole_start() {
 }
 
 #[test]
-fn a_changed_length_of_the_pulse_is_never_0_while_the_generators_run() {
+fn changed_pulse_length_is_never_0_while_generators_run() {
     let (fpga, axis) = board();
     let mut machine = machine_on(Listened::new(fpga), axis);
     for (target, length) in [(0.5, 0), (-0.5, 1), (0.3, 50_000), (-0.3, u32::MAX)] {
@@ -201,7 +201,7 @@ fn a_changed_length_of_the_pulse_is_never_0_while_the_generators_run() {
 
 /// A packet of before the bite is executed after the rate was made 0, and before the re-arm.
 #[test]
-fn in_a_re_arm_a_late_rate_is_0_before_any_pin_of_a_generator_is_driven() {
+fn late_rate_is_0_before_any_generator_pin_is_driven_on_rearm() {
     for is_reset in [false, true] {
         for generator in 0..GENERATORS {
             let (fpga, axis) = board();
@@ -248,7 +248,7 @@ fn in_a_re_arm_a_late_rate_is_0_before_any_pin_of_a_generator_is_driven() {
 
 /// What the listener is for.
 #[test]
-fn a_wrong_order_is_heard() {
+fn wrong_write_order_is_detected() {
     let heard = |writes: &[(u16, u32)]| {
         let mut bus = Listened::new(board().0);
         for (address, word) in writes {

@@ -33,7 +33,7 @@ fn set<T: Value>(driver: &mut Driver<SimFpga>, name: &str, value: T) {
 }
 
 #[test]
-fn an_axis_moves_while_one_timer_latches_steps_and_encoder() {
+fn axis_moves_while_one_timer_latches_steps_and_encoder() {
     let boards: [(fn() -> SimFpga, usize); 2] =
         [(machines::i7i92_7i76, 0), (machines::i7i97_7i76, 6)];
     for (board, encoder) in boards {

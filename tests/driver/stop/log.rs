@@ -19,7 +19,7 @@ fn cut_off() -> Machine {
 }
 
 #[test]
-fn a_dropped_driver_logs_the_remotes_that_stop_would_have_named() {
+fn dropped_driver_logs_the_remotes_that_stop_would_have_named() {
     let mut told = String::new();
     let log = logged(Level::Error, || {
         let (stopped, result) = cut_off().driver.stop();
@@ -37,7 +37,7 @@ fn a_dropped_driver_logs_the_remotes_that_stop_would_have_named() {
 }
 
 #[test]
-fn a_dropped_driver_whose_board_does_not_answer_logs_the_error() {
+fn dropped_driver_whose_board_does_not_answer_logs_the_error() {
     let log = logged(Level::Error, || {
         let mut machine: Machine<_> = Machine::on(Faulty::new(fpga(), 1), |_| {});
         machine.cards.set_one_of_each(machine.driver.pins_mut());
@@ -58,7 +58,7 @@ fn a_dropped_driver_whose_board_does_not_answer_logs_the_error() {
 }
 
 #[test]
-fn a_driver_that_stops_without_an_error_logs_nothing() {
+fn driver_that_stops_without_an_error_logs_nothing() {
     let log = logged(Level::Error, || {
         let mut machine = Machine::new();
         machine.cards.set_one_of_each(machine.driver.pins_mut());

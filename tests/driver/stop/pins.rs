@@ -27,7 +27,7 @@ fn driven(fpga: &SimFpga) -> Vec<usize> {
 
 /// A GPIO with open drain is driven whatever its direction: FACTS 12.2.
 #[test]
-fn whatever_ends_the_driver_no_pin_is_driven_after_it() {
+fn no_pin_is_driven_after_any_end_of_the_driver() {
     const NONE: RemoteTable = RemoteTable::new("card", *b"NONE", &[]);
     let open_drain = GpioConfig {
         output: true,
@@ -69,7 +69,7 @@ fn whatever_ends_the_driver_no_pin_is_driven_after_it() {
 }
 
 #[test]
-fn no_pin_is_driven_after_a_shutdown_on_a_network_that_loses_packets() {
+fn no_pin_is_driven_after_shutdown_on_a_lossy_network() {
     let built = Driver::start(ethernet::bus(fpga()), Settings::default());
     let mut driver = built.expect("the board is complete");
     for _ in 0..5 {

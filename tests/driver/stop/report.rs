@@ -26,7 +26,7 @@ fn lit(fpga: &mut SimFpga, millis: u64) -> Vec<usize> {
 }
 
 #[test]
-fn a_remote_that_loses_its_cable_is_named_until_its_own_watchdog_must_have_bitten() {
+fn unplugged_remote_is_named_until_its_watchdog_time_is_over() {
     for cycles in (0..90).chain((90..700).step_by(5)) {
         let mut machine = busy_machine_with_watchdog(200);
         machine.cable(OUTPUTS).unplug();
@@ -43,7 +43,7 @@ fn a_remote_that_loses_its_cable_is_named_until_its_own_watchdog_must_have_bitte
 }
 
 #[test]
-fn a_remote_that_nothing_switches_off_is_named_however_long_it_is_away() {
+fn unreachable_remote_without_watchdog_is_named_after_any_time() {
     for cycles in [0, 10, 100, 1000, 20_000] {
         let mut machine = busy_machine_with_watchdog(0);
         machine.cable(OUTPUTS).unplug();
@@ -66,7 +66,7 @@ fn a_remote_that_nothing_switches_off_is_named_however_long_it_is_away() {
 /// Outputs that were off when the cable was unplugged are off; and a remote that is plugged in
 /// again was started, which switches off.
 #[test]
-fn a_remote_of_which_nothing_is_on_is_not_named() {
+fn remote_of_which_nothing_is_on_is_not_named() {
     for is_driven in [false, true] {
         let mut machine = busy_machine_with_watchdog(0);
         let pins = machine.driver.pins_mut();
@@ -89,7 +89,7 @@ fn a_remote_of_which_nothing_is_on_is_not_named() {
 
 /// A port that was switched off has sent safe values, which an unplugged remote has missed.
 #[test]
-fn a_remote_that_has_missed_the_end_of_its_port_is_named() {
+fn remote_that_has_missed_the_end_of_its_port_is_named() {
     for (millis, expected) in [(0, &[OUTPUTS][..]), (200, &[])] {
         let mut machine = busy_machine_with_watchdog(millis);
         let run = machine.output::<bool>("sserial.port-0.run");
@@ -105,7 +105,7 @@ fn a_remote_that_has_missed_the_end_of_its_port_is_named() {
 /// The host was away for longer than the board's watchdog: the first read delivers the transfer of
 /// before, with outputs on, and the board transmits nothing any more.
 #[test]
-fn a_transfer_of_before_the_bite_does_not_confirm_that_outputs_are_off() {
+fn transfer_from_before_the_bite_does_not_confirm_outputs_off() {
     for (away, cycles) in [(0, 0), (900, 0), (1001, 0), (1001, 3), (3000, 0), (3000, 3)] {
         let mut machine = busy_machine_with_watchdog(0);
         machine.sleep(away);
@@ -123,7 +123,7 @@ fn a_transfer_of_before_the_bite_does_not_confirm_that_outputs_are_off() {
 /// All remotes are unplugged: the bus's own error does not hide the remotes that cannot be switched
 /// off.
 #[test]
-fn a_bus_that_fails_hides_no_remote() {
+fn bus_that_fails_hides_no_remote() {
     use mesa_hal::bus::BusErrorKind;
     use mesa_hal::transport::{Fault, Faulty};
 

@@ -22,7 +22,7 @@ fn reason_of(name: &str, mode: StartMode, software_mode: u8) -> StartFailureReas
 
 /// FACTS 4.5, 5.6; transcripts t06d, t15d, t15f, t20.
 #[test]
-fn recorded_failures_of_start_are_told_apart() {
+fn recorded_start_failures_are_distinguished() {
     assert_eq!(
         reason_of("t06d_badmode", StartMode::Normal, 5),
         StartFailureReason::IllegalMode(5)
@@ -91,7 +91,7 @@ fn absent_channels_do_not_fail_the_others() {
 
 /// FACTS 3.1; transcript t09c: STOPALL written while a DOIT ran, so that COMMAND stays 0800.
 #[test]
-fn a_port_that_is_stuck_is_freed_and_then_stopped() {
+fn port_that_is_stuck_is_freed_and_then_stopped() {
     let mut bus = Replay::of("t09c_stopall_doit")
         .without(|segment| segment.command == 0x1001 || segment.command == 0x0901);
     bus.begin_inside();
@@ -103,7 +103,7 @@ fn a_port_that_is_stuck_is_freed_and_then_stopped() {
 
 /// Every wait is bounded, and its error contains the awaited condition.
 #[test]
-fn a_command_that_never_completes_is_an_error_with_the_registers() {
+fn command_that_never_completes_is_an_error_with_the_registers() {
     let stuck = Segment {
         command: 0x0901,
         ..Segment::default()

@@ -26,7 +26,7 @@ fn discovery_over_the_wire_is_the_same_as_from_the_image() {
 }
 
 #[test]
-fn what_is_absent_or_broken_does_not_hide_the_others() {
+fn absent_or_broken_remotes_do_not_hide_the_others() {
     let (mut fpga, mut port) = machine();
     fpga.plug(
         0,
@@ -85,7 +85,7 @@ fn lost_replies_during_discovery_are_asked_for_again() {
 
 /// FACTS 6.3, 8.2: a parameter by name, kept over a power cycle.
 #[test]
-fn a_nonvolatile_parameter_survives_a_power_cycle() {
+fn nonvolatile_parameter_survives_a_power_cycle() {
     let (mut fpga, mut port) = machine();
     let descriptor = found(&mut port, &mut fpga, start(ZERO, 0)).descriptor;
     let watchdog = descriptor.parameter("NVWatchDogTime").unwrap();
@@ -119,7 +119,7 @@ fn a_nonvolatile_parameter_survives_a_power_cycle() {
 /// A remote that dies in the middle of a non-volatile access: the error reports that the selection
 /// could not be reverted.
 #[test]
-fn a_selection_of_nonvolatile_memory_that_stays_is_an_error() {
+fn selection_of_nonvolatile_memory_that_stays_is_an_error() {
     let (mut fpga, mut port) = machine();
     port.on(&mut fpga)
         .start(StartMode::Setup, &[start(ZERO, 0)])

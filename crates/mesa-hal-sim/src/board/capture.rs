@@ -192,7 +192,7 @@ mod tests {
 
     /// A request of the cookie, as on the wire; the checksums were computed by hand.
     #[test]
-    fn a_packet_has_its_headers_and_checksums() {
+    fn packet_has_its_headers_and_checksums() {
         let (_, file) = captured(1000, &[&[0x01, 0x42, 0x00, 0x01]]);
         let header = [
             0x4D, 0x3C, 0xB2, 0xA1, 2, 0, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xFF, 0xFF, 0, 0, 1, 0, 0,
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_does_not_grow_beyond_its_limit() {
+    fn file_does_not_grow_beyond_its_limit() {
         let odd = [0xFF; 101];
         let (written, file) = captured(24 + 2 * (16 + 42 + 101), &[&odd, &odd, &odd, &[]]);
         assert_eq!(written, [true, true, false, false]);

@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn a_simulated_board_says_so_where_a_real_one_is_silent() {
+    fn simulated_board_marks_eeprom_words_that_read_0_on_a_real_one() {
         let read = |eeprom: &Eeprom| -> Vec<_> {
             let words = (0x08..0x10).step_by(2).map(|at| eeprom.read(at));
             words.flat_map(u16::to_le_bytes).collect()
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_0x20_bytes_stay_and_the_rest_needs_the_enable() {
+    fn first_0x20_bytes_stay_and_the_rest_needs_the_enable() {
         let mut eeprom = Eeprom::new(&BoardConfig::new("7I97"));
         assert_eq!(eeprom.write(0x1E, 1, true), Err(NotWritable));
         assert_eq!(eeprom.write(0x20, 1, false), Err(NotWritable));

@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_is_programmed_by_each_of_the_accesses_the_manual_lists() {
+    fn page_is_programmed_by_each_of_the_accesses_the_manual_lists() {
         let commits: [fn(&mut Flash) -> bool; 5] = [
             |flash| flash.write(ADDRESS, 0, false).is_ok(),
             |flash| flash.read(ADDRESS).is_ok(),
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn the_address_moves_on_by_4_with_each_data_access() {
+    fn address_moves_on_by_4_with_each_data_access() {
         let mut flash = Flash::new();
         flash.write(ADDRESS, 0x100, false).unwrap();
         for _ in 0..64 {
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn without_the_enable_nothing_changes() {
+    fn flash_is_unchanged_without_the_write_enable() {
         let mut flash = Flash::new();
         assert_eq!(flash.write(DATA, 0, false), Err(FlashError::NotEnabled));
         let erase = flash.write(SECTOR_ERASE, 0, false);

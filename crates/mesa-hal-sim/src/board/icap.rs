@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sequence_for_a_reload_gives_the_address() {
+    fn sequence_for_a_reload_gives_the_address() {
         let words = [
             0xFFFF, 0xFFFF, 0xAA99, 0x5566, 0x3261, 0x1234, 0x3281, 0x0B10, 0x30A1, 0x000E, 0x2000,
         ];
@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn without_synchronisation_or_after_its_end_nothing_is_taken() {
+    fn icap_takes_no_command_without_sync_or_after_its_end() {
         assert_eq!(reload(&[0x30A1, 0x000E]), None);
         assert_eq!(reload(&[0xAA99, 0x30A1, 0x000E]), None);
         let words = [0xAA99, 0x5566, 0x30A1, 0x000D, 0x30A1, 0x000E];

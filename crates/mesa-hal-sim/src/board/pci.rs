@@ -1,9 +1,9 @@
 //! A board on the PCI bus: the registers of its FPGA, among them those of the flash memory.
 //!
 //! The chip hangs on a shift register of the FPGA: 0x70 selects it (bit 0 is 1 while it is not
-//! selected), and shows with bit 2 that a byte is complete; a byte that is written to 0x74 is shifted
-//! out while one is shifted in. Source: what mesaflash writes and reads (FACTS 15.2). The time of a
-//! byte is not confirmed.
+//! selected), and shows with bit 2 that a byte is complete; a byte that is written to 0x74 is
+//! shifted out while one is shifted in. Source: what mesaflash writes and reads (FACTS 15.2). The
+//! time of a byte is not confirmed.
 
 use core::time::Duration;
 

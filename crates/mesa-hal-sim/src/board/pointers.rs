@@ -46,7 +46,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pointer_moves_by_the_element_size_or_stands() {
+    fn pointer_moves_by_the_element_size_or_stands() {
         let mut pointers = AddressPointers::default();
         // Manual: 7I97, "LBP16 COMMANDS", bit I.
         let request = [0x83, 0x42, 0x00, 0x04, 0x01, 0x02, 0x01, 0x02];
@@ -68,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pointer_wraps_at_the_end_of_the_space() {
+    fn pointer_wraps_at_the_end_of_the_space() {
         let mut pointers = AddressPointers::default();
         assert_eq!(
             addresses(&mut pointers, &[0x82, 0x42, 0xFC, 0xFF]),

@@ -69,7 +69,7 @@ fn word(board: &mut SimBoard<Registers>, space: Space, address: u16) -> u16 {
 }
 
 #[test]
-fn the_sample_run_of_the_manual_works() {
+fn sample_run_of_the_manual_works() {
     // Manual: 7I97, "ELBPCOM".
     let mut board = board();
     assert_eq!(run(&mut board, &hex("01420001")), hex("fecaaa55"));
@@ -79,7 +79,7 @@ fn the_sample_run_of_the_manual_works() {
 }
 
 #[test]
-fn the_ethernet_chip_tells_its_id() {
+fn ethernet_chip_returns_its_id() {
     // Manual: 7I97, "SPACE 1: ETHERNET CHIP ACCESS": 0145C000.
     let mut board = board();
     assert_eq!(run(&mut board, &hex("0145C000")), hex("7288"));
@@ -109,7 +109,7 @@ fn mac_and_card_name_can_not_be_written() {
 }
 
 #[test]
-fn a_page_of_flash_is_written_and_read_as_the_manual_does() {
+fn page_of_flash_is_written_and_read_as_the_manual_does() {
     // Manual: 7I97, "SPACE 3: FPGA FLASH EEPROM CHIP ACCESS", with the enable and the data in the
     // packet after the address, and the commit in a third, as mesaflash does it (FACTS 10.2).
     let mut board = board();
@@ -172,7 +172,7 @@ fn info_areas_describe_every_space() {
 }
 
 #[test]
-fn the_info_area_shows_where_the_pointer_of_the_space_stands() {
+fn info_area_shows_where_the_pointer_of_the_space_stands() {
     let mut board = board();
     run(&mut board, &hex("85420004"));
     assert_eq!(run(&mut board, &hex("01610600")), hex("1404"));
@@ -218,7 +218,7 @@ fn commands_before_a_parse_error_are_executed() {
 }
 
 #[test]
-fn a_bad_access_keeps_the_rest_of_the_reply_in_place() {
+fn bad_access_keeps_the_rest_of_the_reply_in_place() {
     let mut board = board();
     let request = hex("01420001 01570000 01420001");
     assert_eq!(
@@ -241,7 +241,7 @@ fn packets_are_counted_and_stamped() {
 }
 
 #[test]
-fn the_microsecond_timer_runs_and_waits_are_waited() {
+fn microsecond_timer_runs_and_waits_are_waited() {
     let mut board = board();
     // Time stamp, wait 500 us, time stamp; writing the time stamp has no effect.
     let request = hex("01510000 01D10000 0000 01D10200 F401 01510000 01510200");
@@ -282,7 +282,7 @@ fn scratch_registers_keep_what_they_are_given() {
 }
 
 #[test]
-fn a_reset_takes_a_while_and_clears_the_firmware_but_not_the_fpga() {
+fn reset_takes_a_while_and_clears_the_firmware_but_not_the_fpga() {
     let mut board = board();
     run(&mut board, &hex("01C20010 78563412 01D11000 FFFF"));
     let at = board.time() + 1000;
@@ -318,7 +318,7 @@ fn reload() -> Vec<u8> {
 }
 
 #[test]
-fn a_reload_brings_the_fpga_up_again() {
+fn reload_brings_the_fpga_up_again() {
     let mut board = board();
     run(&mut board, &hex("01C20010 78563412"));
     let at = board.time() + 1000;
@@ -336,7 +336,7 @@ fn a_reload_brings_the_fpga_up_again() {
 }
 
 #[test]
-fn the_leds_show_a_register_of_space_6_when_they_are_told_to() {
+fn leds_show_a_space_6_register_in_debug_mode() {
     // Manual: 7I97, "MEMORY SPACE 6 LAYOUT", LEDMode and DebugLEDPtr.
     // Manual: 7I97, "BOARD STATUS LEDS": the LEDs count packets by default.
     let mut board = board();
@@ -362,7 +362,7 @@ fn the_leds_show_a_register_of_space_6_when_they_are_told_to() {
 }
 
 #[test]
-fn the_state_survives_a_power_cycle_of_the_same_board_only() {
+fn state_survives_a_power_cycle_of_the_same_board_only() {
     let mut first = board();
     run(&mut first, &hex("01D91A00025A 82C920000100a8C0"));
     run(
@@ -386,7 +386,7 @@ fn the_state_survives_a_power_cycle_of_the_same_board_only() {
 }
 
 #[test]
-fn what_does_not_fit_into_a_packet_is_not_sent() {
+fn reply_too_long_for_a_packet_is_not_sent() {
     let mut board = board();
     let mut request = Vec::new();
     for _ in 0..3 {
@@ -418,7 +418,7 @@ fn command() -> impl Strategy<Value = Vec<u8>> {
 
 proptest! {
     #[test]
-    fn the_board_survives_any_bytes(
+    fn board_survives_any_bytes(
         packets in prop::collection::vec(
             prop_oneof![prop::collection::vec(any::<u8>(), 0..1600), command()], 0..20),
         edges: bool,

@@ -27,8 +27,8 @@ use thiserror::Error;
 /// TYPE: pad bits unsigned signed nonvol-unsigned nonvol-signed stream boolean encoder float
 /// nonvol-float encoder-high encoder-low. DIRECTION: in out both.
 ///
-/// Process data of one name is one value in all modes; where a later mode has fewer bits of it, they
-/// are the low ones.
+/// Process data of one name is one value in all modes; where a later mode has fewer bits of it,
+/// they are the low ones.
 ///
 /// At power-up the EEPROM holds the factory values; writes of the host to it survive power cycles.
 /// A parameter named `SwRevision` holds the revision of the running program, like D5, whatever its

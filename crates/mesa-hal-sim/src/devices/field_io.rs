@@ -447,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn a_quadrature_cycle_is_one_count_or_four() {
+    fn quadrature_cycle_is_one_count_or_four() {
         for (every_edge, expected) in [(false, 3), (true, 12)] {
             let mut mpg = Mpg {
                 every_edge,

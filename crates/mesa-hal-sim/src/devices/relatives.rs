@@ -218,8 +218,8 @@ impl FieldIo {
         Self::with_spindle(&I7I76EU.card("7I76", 0x1A00_0002, &MODES_7I76)?)
     }
 
-    /// A 7I76U: the 7I76 of a 7I76EU as a card of its own, which is assumed to differ in the top byte of
-    /// its unit number only.
+    /// A 7I76U: the 7I76 of a 7I76EU as a card of its own, which is assumed to differ in the top
+    /// byte of its unit number only.
     ///
     /// # Errors
     /// None: a test proves that its description is valid.

@@ -14,8 +14,8 @@ const SUPPLY: f64 = 10.0;
 /// pins, the range is 0 to 100.
 ///
 /// A card with `SpinMode` has, while that is not 0, outputs for forward and reverse in place of
-/// enable and direction (manual: 7I76EU, "SPINDLE ISOLATED OUTPUTS"). That the enable selects one of
-/// the two is an assumption.
+/// enable and direction (manual: 7I76EU, "SPINDLE ISOLATED OUTPUTS"). That the enable selects one
+/// of the two is an assumption.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Spindle {
     /// Addresses of the three elements.

@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn it_acts_in_the_middle_of_an_exchange() {
+    fn director_acts_in_the_middle_of_an_exchange() {
         let (mut fpga, notes) = played(Some(1_500));
         fpga.set_access_cost(1_000);
         let mut words = [0, 0];
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn it_sees_writes_bites_and_resets_when_they_happen() {
+    fn director_sees_writes_bites_and_resets_as_they_happen() {
         let (mut fpga, notes) = played(None);
         fpga.write_register(0x1104, 1 << 3);
         fpga.write_register(0x0C00, 100);
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn while_it_is_reset_the_fpga_neither_answers_nor_takes_anything() {
+    fn fpga_in_reset_neither_replies_nor_takes_writes() {
         let mut fpga = machines::i7i92_7i77();
         fpga.reset_for(2_000);
         assert!(fpga.is_in_reset());

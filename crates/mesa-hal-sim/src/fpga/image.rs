@@ -250,7 +250,7 @@ mod tests {
         0440 01010002\n0444 00030C00\n044C 0101001B\n0450 000A2000\n0454 1FF\n05C0 03001B81\n";
 
     #[test]
-    fn an_image_is_read_back_word_for_word_with_its_modules() {
+    fn image_is_read_back_word_for_word_with_its_modules() {
         let image = FirmwareImage::parse(TEXT).unwrap();
         let mut fpga = SimFpga::from_image(&image).unwrap();
         for address in (0x100..0x110).chain(0x400..0x800).step_by(4) {
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_image_says_where() {
+    fn invalid_image_is_refused_with_the_line_or_address() {
         let at = |text: &str| FirmwareImage::parse(text).unwrap_err().to_string();
         assert!(at("0100 55AACAFE\nnothing").starts_with("line 2: `nothing`, "));
         assert!(at("0101 0").starts_with("line 1: "));

@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn inputs_follow_an_axis_over_its_switches_and_the_stop_holds_it() {
+    fn inputs_follow_an_axis_over_its_switches_up_to_the_stop() {
         let mut fpga = machine();
         fpga.motor(0).expect("axis").turn_by_hand(Some(10.0));
         let mut seen = Vec::new();
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn an_input_of_the_board_is_on_in_its_register_at_the_switch() {
+    fn input_of_the_board_is_on_in_its_register_at_the_switch() {
         let mut fpga = machine();
         // The address lines of InMux are driven, and its inputs scanned in 50 us, inverted.
         for pin_register in [0x1100, 0x1104, 0x1108, 0x1200, 0x1204, 0x1208] {
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn an_emergency_stop_cuts_everything_in_one_moment() {
+    fn emergency_stop_cuts_everything_in_one_moment() {
         let mut fpga = machine();
         fpga.set_estop(EstopConfig {
             inputs: vec![SimTerminal::Board { input: 9 }, on_remote(20)],
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn a_handwheel_is_counted_by_the_card_it_is_wired_to() {
+    fn handwheel_is_counted_by_the_card_it_is_wired_to() {
         let mut fpga = machines::six_axes_7i92(Motor::default());
         fpga.add_wheel(WheelConfig {
             a: on_remote(16),
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn a_handwheel_under_an_emergency_stop_has_no_supply_and_its_own_levels_afterwards() {
+    fn handwheel_loses_supply_in_an_estop_and_has_its_levels_after() {
         let mut fpga = machines::six_axes_7i92(Motor::default());
         fpga.add_wheel(WheelConfig {
             a: on_remote(16),

@@ -61,7 +61,7 @@ mod tests {
     /// A port of eight channels; 7I97 addresses (FACTS 9.2). Times: FACTS 11.1, and 14.9 us for the
     /// baud rate of each channel.
     #[test]
-    fn a_serial_port_takes_no_command_for_142_us_after_a_reload_and_reads_0() {
+    fn serial_port_reads_0_and_is_busy_for_142_us_after_a_reload() {
         for reset in [0, 300_000] {
             let mut fpga = machines::i7i97(8);
             let from: Nanos = 5_000_000;

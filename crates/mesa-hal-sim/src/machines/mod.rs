@@ -148,8 +148,8 @@ pub fn five_axes_7i97(motor: impl Fn(usize) -> Stepper) -> SimFpga {
     with_7i76(i7i97_7i76(), FIELD_IO, motor, 6)
 }
 
-/// A 5I25 with a 7I77 on P3 and a 7I76 on P2: axes 0 to 5 are motors on the 7I77's analog outputs, 6
-/// to 10 stepper motors on the step generators, and 11 is the 7I76's spindle with encoder 6.
+/// A 5I25 with a 7I77 on P3 and a 7I76 on P2: axes 0 to 5 are motors on the 7I77's analog outputs,
+/// 6 to 10 stepper motors on the step generators, and 11 is the 7I76's spindle with encoder 6.
 pub fn eleven_axes_5i25(servo: Motor, stepper: Stepper) -> SimFpga {
     let mut fpga = i5i25_7i77_7i76();
     plug_7i77(&mut fpga, 0, FIELD_IO);

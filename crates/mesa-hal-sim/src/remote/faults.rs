@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn each_fault_does_what_its_name_says_and_then_ends() {
+    fn wire_fault_has_the_effect_of_its_name_and_then_ends() {
         let mut cable = cable(1);
         let good = ask(&mut cable, 0);
         assert_eq!(good[0].bytes(), [0x5A, 0xA5]);
@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_request_is_not_answered() {
+    fn damaged_request_is_not_answered() {
         for fault in [
             WireFault::Lost,
             WireFault::Corrupted,

@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_rate_gives_the_characters_and_another_one_does_not() {
+    fn same_rate_gives_the_characters_and_another_one_does_not() {
         let burst = Burst::new(1_000, 400, &[0xDF, 0x16]);
         assert_eq!(all(&burst, 400), [(4_800, 0xDF), (8_800, 0x16)]);
         // 115200 baud: the whole burst is shorter than one character.

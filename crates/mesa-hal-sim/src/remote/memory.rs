@@ -327,7 +327,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_power_cut_loses_an_unfinished_eeprom_write_only() {
+    fn power_cut_loses_an_unfinished_eeprom_write_only() {
         let mut eeprom = SimEeprom::new(4_000_000);
         assert_eq!(eeprom.write(0, 0x24, 100), 4_000_000);
         eeprom.advance(4_000_000);
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn a_power_cut_in_an_erase_leaves_half_of_the_block() {
+    fn power_cut_in_an_erase_leaves_half_of_the_block() {
         let mut flash = SimFlash::new(0x1000, 8, 4);
         flash.load(&[0; 0x1000]);
         let busy = flash

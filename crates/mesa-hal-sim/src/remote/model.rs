@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_is_not_understood_changes_nothing() {
+    fn line_that_is_not_understood_changes_nothing() {
         let mut remote = SimRemote::model();
         assert_eq!(
             remote.apply("present=1 colour=red"),

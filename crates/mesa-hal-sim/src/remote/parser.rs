@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn a_partial_frame_is_dropped_after_the_frame_timeout_and_the_next_one_is_taken() {
+    fn partial_frame_is_dropped_at_the_timeout_and_the_next_taken() {
         // Transcript t15d: a remote of 13 output bytes gets 12.
         let mut parser = Parser::new(BIT);
         let mut at = 0;
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_of_exactly_the_frame_timeout_is_allowed() {
+    fn gap_of_exactly_the_frame_timeout_is_allowed() {
         let mut parser = Parser::new(BIT);
         let mut at = 0;
         feed(&mut parser, &mut at, &[0xDF], 0);
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bad_crc_is_dropped_and_the_next_frame_is_taken_without_a_gap() {
+    fn bad_crc_is_dropped_and_the_next_frame_is_taken_without_a_gap() {
         let mut parser = Parser::new(BIT);
         let mut at = 0;
         assert_eq!(
@@ -308,7 +308,7 @@ mod tests {
         }
 
         #[test]
-        fn arbitrary_characters_never_panic_and_a_gap_always_resynchronises(
+        fn arbitrary_characters_never_panic_and_a_gap_resynchronises(
             noise in prop::collection::vec((any::<u8>(), 0..60_000u64), 0..200),
             size in 0..300usize,
         ) {
@@ -324,7 +324,7 @@ mod tests {
         }
 
         #[test]
-        fn a_flipped_bit_in_a_frame_is_never_taken_for_another_request_of_the_same_length(
+        fn flipped_bit_never_makes_another_request_of_the_same_length(
             (body, size) in any_request(), flip in any::<prop::sample::Index>(),
         ) {
             let mut frame = sealed(&body);

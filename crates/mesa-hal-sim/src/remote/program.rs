@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_bootloader_starts_a_whole_program_for_its_card_and_nothing_else() {
+    fn bootloader_starts_only_a_complete_program_for_its_card() {
         let card = *b"7I77";
         assert_eq!(revision(&factory(card, 14), card), Some(14));
         assert_eq!(revision(&factory(*b"7I72", 14), card), None);

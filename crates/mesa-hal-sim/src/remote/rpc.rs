@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn included_data_comes_from_the_list_and_the_rest_from_the_stream() {
+    fn included_data_comes_from_the_list_the_rest_from_the_stream() {
         // 7E: write long at 0200 with included data; 68: write byte at the current address.
         let table = table(8, &[0x7E, 0x00, 0x02, 1, 2, 3, 4, 0x68, 0x48, 0]);
         let number = 0x81;
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_lists_are_said_and_not_carried_out() {
+    fn broken_lists_are_refused_with_a_status_and_not_executed() {
         let number = 0xBF;
         let broken = table(504, &[0x40, 0x12]);
         assert_eq!(broken.request_len(number), Err(LbpStatus::INVALID_ADDRESS));

@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_divider_counts_after_the_tick_that_is_running() {
+    fn new_divider_counts_after_the_tick_that_is_running() {
         let mut timer = TickTimer::new();
         let start = timer.read(1_000);
         timer.set_period(1_000, 20_000);

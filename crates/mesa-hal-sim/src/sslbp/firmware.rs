@@ -282,7 +282,8 @@ impl Firmware {
     }
 
     fn set_up_memory(&mut self) {
-        // Memory is still in the state before the reset. FACTS 11.16: only a build of eight channels.
+        // Memory is still in the state before the reset. FACTS 11.16: only a build of eight
+        // channels.
         let all = self.config.channels() == MAX_CHANNELS;
         if all && self.memory.get(global::INITIALIZED) != 0 && self.is_idle() {
             let now = self.now();

@@ -191,7 +191,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_written_is_not_what_is_read() {
+    fn host_registers_keep_written_and_read_words_apart() {
         let mut registers = HostRegisters::new();
         registers.write_inward(2, 1, 0x1234_5678);
         assert_eq!(registers.outward(2, 1), 0);
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_write_directly_after_the_clearing_is_swallowed() {
+    fn write_directly_after_the_clearing_is_swallowed() {
         let mut registers = HostRegisters::new();
         registers.write_command(0, 0x1001);
         registers.clear_command(1_000);

@@ -418,7 +418,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_fifo_loses_its_oldest_character() {
+    fn full_fifo_loses_its_oldest_character() {
         let mut receiver = receiver(2_500_000);
         let bytes: [u8; 17] = core::array::from_fn(|n| n as u8);
         receiver.expect(Burst::new(0, 400, &bytes));
@@ -429,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn a_break_gives_zeros_and_its_flag() {
+    fn break_gives_zeros_and_its_flag() {
         let mut receiver = receiver(2_500_000);
         let mut burst = Burst::new(0, 400, &[0; 3]);
         burst.is_break = true;
@@ -441,7 +441,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_held_low_never_stops_giving_zeros() {
+    fn line_held_low_never_stops_giving_zeros() {
         let mut receiver = receiver(2_500_000);
         receiver.hold_low(0, true);
         assert_eq!(receiver.count(8_000), 2);
@@ -453,7 +453,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_goes_low_inside_a_burst_takes_the_rest_of_it() {
+    fn line_that_goes_low_inside_a_burst_takes_the_rest_of_it() {
         let mut receiver = receiver(2_500_000);
         receiver.expect(Burst::new(1_000, 400, &[0x5A; 4]));
         // In the start bit of the third character.
@@ -465,7 +465,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_is_low_for_a_moment_damages_the_character_that_it_meets() {
+    fn brief_low_on_the_line_damages_the_character_it_meets() {
         let mut receiver = receiver(2_500_000);
         receiver.expect(Burst::new(1_000, 400, &[0x5A, 0xFF, 0xA5]));
         // Bits 2 and 3 of the second character.
@@ -478,7 +478,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_bit_rate_does_not_give_the_right_characters() {
+    fn wrong_bit_rate_does_not_give_the_right_characters() {
         let mut receiver = receiver(115_200);
         receiver.expect(Burst::new(0, 400, &[0x5A, 0xA5]));
         assert_eq!(receiver.count(1_000_000), 1);
@@ -486,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bit_rate_is_that_of_the_divider() {
+    fn bit_rate_is_that_of_the_divider() {
         assert_eq!(BitRate::new(2_500_000, 100_000_000).bit(), 400);
         assert_eq!(BitRate::new(115_200, 100_000_000).bit(), 8_687);
         assert_eq!(BitRate::new(0, 100_000_000).bit(), 0);

@@ -81,13 +81,13 @@ struct Step {
 
 /// A stepper motor.
 ///
-/// The drive detects a step at each rising edge of STEP, upwards while DIR is low. It ignores a step
-/// whose pulse, space, set-up or hold is too short. The rotor follows the pulses with limited
+/// The drive detects a step at each rising edge of STEP, upwards while DIR is low. It ignores a
+/// step whose pulse, space, set-up or hold is too short. The rotor follows the pulses with limited
 /// acceleration: while its speed differs too much from theirs, steps are lost and the rotor slows
-/// down, until the pulses are slow enough again. A step against the one before cancels it: the speed
-/// of the pulses between the two is 0, however close they are, as the inertia of a rotor lets it take
-/// no part in both. If the pulses stop at a speed from which the rotor cannot stop, it overshoots by
-/// the steps it needs to.
+/// down, until the pulses are slow enough again. A step against the one before cancels it: the
+/// speed of the pulses between the two is 0, however close they are, as the inertia of a rotor lets
+/// it take no part in both. If the pulses stop at a speed from which the rotor cannot stop, it
+/// overshoots by the steps it needs to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stepper {
     config: StepperConfig,

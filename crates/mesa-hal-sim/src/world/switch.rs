@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn it_switches_once_at_its_position_both_ways() {
+    fn switch_changes_once_at_its_position_in_both_directions() {
         let mut switch = switch(10.0, f64::INFINITY, 0.0, 0);
         assert_eq!(go(&mut switch, 0.0, 9.9), []);
         assert_eq!(go(&mut switch, 9.9, 10.0), [(100, true)]);
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cam_is_passed_both_ways_and_hysteresis_releases_later() {
+    fn cam_is_passed_both_ways_and_hysteresis_releases_later() {
         let mut cam = switch(10.0, 12.0, 0.5, 0);
         assert_eq!(go(&mut cam, 0.0, 20.0), [(10_000, true), (12_500, false)]);
         assert_eq!(go(&mut cam, 20.0, 0.0), [(8_000, true), (10_500, false)]);
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn a_normally_closed_contact_is_open_while_actuated_and_bounces_if_told() {
+    fn normally_closed_contact_opens_with_bounce_when_actuated() {
         let mut switch = switch(10.0, 20.0, 0.0, 400);
         switch.config.normally_closed = true;
         assert!(switch.is_closed());

@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_click_is_a_whole_cycle_of_quadrature_at_its_speed() {
+    fn click_is_a_whole_cycle_of_quadrature_at_its_speed() {
         let mut wheel = Wheel::new(WheelConfig {
             a: A,
             b: B,
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_to_turn_is_bounded() {
+    fn wheel_clicks_left_to_turn_are_bounded() {
         let mut wheel = Wheel::new(WheelConfig {
             a: A,
             b: B,

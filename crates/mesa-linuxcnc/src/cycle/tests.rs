@@ -222,7 +222,7 @@ fn outputs_follow_hal_and_inputs_come_to_it() {
 }
 
 #[test]
-fn what_happens_before_the_thread_starts_is_no_fault() {
+fn long_wait_before_the_thread_starts_is_no_fault() {
     let mut bench = Bench::new();
     bench.set("7i72.0.2.output-17", true);
     // Much longer than the watchdogs of the remotes.
@@ -233,7 +233,7 @@ fn what_happens_before_the_thread_starts_is_no_fault() {
 }
 
 #[test]
-fn the_period_of_the_thread_is_the_drivers() {
+fn period_of_the_thread_is_the_drivers() {
     let mut bench = Bench::new();
     bench.period = Duration::from_millis(2);
     bench.run(1);
@@ -249,7 +249,7 @@ fn the_period_of_the_thread_is_the_drivers() {
 
 /// As hostmot2 does, with the allowed range.
 #[test]
-fn an_impossible_value_is_corrected_in_hal_with_a_message() {
+fn impossible_value_is_corrected_in_hal_with_a_message() {
     let mut bench = Bench::running();
     bench.set("pwmgen.00.output-type", 5_i32);
     bench.set("pwmgen.pwm_frequency", 10_000_000_u32);
@@ -269,7 +269,7 @@ fn an_impossible_value_is_corrected_in_hal_with_a_message() {
 
 /// The level of HAL's pin stays the same, and is no command of the new position.
 #[test]
-fn a_position_that_hal_repeats_is_no_new_command_after_a_reset() {
+fn position_that_hal_repeats_is_no_new_command_after_a_reset() {
     let board = machines::i7i92_7i76();
     let settings = settings("num_stepgens=1 sserial_port_0=xxxxxxxx");
     let driver = Driver::start(Faulty::new(board, 1), settings);
@@ -332,7 +332,7 @@ fn inputs_that_are_not_valid_keep_their_last_values() {
 }
 
 #[test]
-fn a_setting_that_cannot_be_is_put_back_with_its_name() {
+fn setting_that_cannot_be_is_put_back_with_its_name() {
     let mut bench = Bench::running();
     let before = bench.bits("encoder.00.scale");
     bench.set("encoder.00.scale", 0.0);
@@ -346,14 +346,14 @@ fn a_setting_that_cannot_be_is_put_back_with_its_name() {
     );
 }
 
-/// Page faults that the kernel may cause in memory that is not locked, as this test's: it moves pages. A
-/// cycle that met one each time would have thousands.
+/// Page faults that the kernel may cause in memory that is not locked, as this test's: it moves
+/// pages. A cycle that met one each time would have thousands.
 const UNLOCKED: u64 = 20;
 
 /// Page faults are those of the second round: the first one meets each page of code and memory for
 /// the first time, where `rtapi_app` has locked them.
 #[test]
-fn a_cycle_neither_allocates_nor_faults_with_a_card_pulled_and_put_back() {
+fn cycle_neither_allocates_nor_faults_as_a_card_is_replugged() {
     let mut bench = Bench::running();
     bench.switch_on();
     // Messages of the test allocate, those of LinuxCNC do not.
@@ -393,7 +393,7 @@ fn a_cycle_neither_allocates_nor_faults_with_a_card_pulled_and_put_back() {
 }
 
 #[test]
-fn the_end_switches_everything_off() {
+fn end_switches_everything_off() {
     let mut bench = Bench::running();
     bench.switch_on();
     let heard = bench.heard.clone();
@@ -406,7 +406,7 @@ fn the_end_switches_everything_off() {
 }
 
 #[test]
-fn a_parameter_of_a_remote_is_written_with_the_next_rising_edge_of_run() {
+fn remote_parameter_is_written_at_the_next_rising_edge_of_run() {
     const NAME: &str = "7i72.0.2.nvwatchdogtimeout";
     let mut bench = Bench::running();
     bench.switch_on();

@@ -198,7 +198,7 @@ impl Model {
 
 proptest! {
     #[test]
-    fn any_sequence_of_both_sides_ends_as_the_rules_say(acts in proptest::collection::vec(act(), 0..60)) {
+    fn table_follows_the_rules_for_any_sequence_of_both_sides(acts in proptest::collection::vec(act(), 0..60)) {
         let mut bench = Bench::new();
         let at_first: [u64; PINS] = core::array::from_fn(|pin| bench.own(pin));
         let mut model = Model { hal: at_first, own: at_first, agreed: at_first, is_valid: false };
@@ -251,7 +251,7 @@ proptest! {
 }
 
 #[test]
-fn a_refused_setting_gets_its_old_value_back_and_is_reported_once() {
+fn refused_setting_gets_its_old_value_back_and_is_reported_once() {
     let mut bench = Bench::new();
     bench.memory.0[SETTING] = 11;
     for _ in 0..3 {

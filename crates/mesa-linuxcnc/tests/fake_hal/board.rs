@@ -184,8 +184,8 @@ pub fn i7i92_7i76() -> SimFpga {
     with_7i76(machines::firmware_7i92_7i76())
 }
 
-/// The same with step generators that have index, probe and tables: version C2, and two more outputs
-/// of the first generator on the free connector.
+/// The same with step generators that have index, probe and tables: version C2, and two more
+/// outputs of the first generator on the free connector.
 pub fn i7i92_7i76_index() -> SimFpga {
     let mut firmware = machines::firmware_7i92_7i76();
     if let Some(steps) = firmware.module_mut(gtag::STEPGEN) {

@@ -1,4 +1,5 @@
-//! `rtapi_app` in the hands of a test: loads the component as `loadrt` does, over a HAL on the heap.
+//! `rtapi_app` in the hands of a test: loads the component as `loadrt` does, over a HAL on the
+//! heap.
 
 #![expect(
     unsafe_code,

@@ -119,7 +119,7 @@ impl<'a> Machine<'a> {
 static SIGNALS: [AtomicU64; 2] = [const { AtomicU64::new(0) }; 2];
 
 #[test]
-fn it_loads_with_the_words_of_hm2_eth_and_drives_the_board() {
+fn component_loads_with_hm2_eth_arguments_and_drives_the_board() {
     let (hal, board) = (hal(), on_time(Board::start()));
     let machine = Machine::load(&hal, &board);
     assert!(machine.loaded.names().count() > 700);
@@ -165,7 +165,7 @@ fn it_loads_with_the_words_of_hm2_eth_and_drives_the_board() {
 }
 
 #[test]
-fn a_pulled_card_fails_alone_and_follows_again_after_run() {
+fn pulled_card_fails_alone_and_follows_again_after_run() {
     let (hal, board) = (hal(), on_time(Board::start()));
     let machine = Machine::load(&hal, &board);
     machine.switch_on();
@@ -198,7 +198,7 @@ fn a_pulled_card_fails_alone_and_follows_again_after_run() {
 }
 
 #[test]
-fn after_a_stop_of_the_thread_has_bit_brings_everything_back() {
+fn clearing_has_bit_restores_outputs_after_a_stopped_thread() {
     let (hal, board) = (hal(), on_time(Board::start()));
     let machine = Machine::load(&hal, &board);
     machine.switch_on();
@@ -211,7 +211,7 @@ fn after_a_stop_of_the_thread_has_bit_brings_everything_back() {
 }
 
 #[test]
-fn after_lost_packets_io_error_brings_everything_back() {
+fn clearing_io_error_restores_outputs_after_lost_packets() {
     let (hal, board) = (hal(), on_time(Board::start()));
     let machine = Machine::load(&hal, &board);
     machine.switch_on();
@@ -382,7 +382,7 @@ fn wrong_words_are_refused_by_name_and_leave_nothing() {
 
 /// A public firmware with absolute encoders.
 #[test]
-fn a_module_that_is_not_driven_is_named_at_the_load() {
+fn module_that_is_not_driven_is_named_at_the_load() {
     const FIRMWARE: &str =
         include_str!("../../../../tests/transcripts/firmwares/7I92-7I74_SSI_SSx2_34.txt");
     let hal = hal();
@@ -400,7 +400,7 @@ fn a_module_that_is_not_driven_is_named_at_the_load() {
 
 /// Components for Modbus call functions of hostmot2 that a packet UART is there for.
 #[test]
-fn what_components_of_linuxcnc_cannot_use_is_said_at_the_load() {
+fn modules_unusable_by_linuxcnc_components_are_reported_at_load() {
     const FIRMWARE: &str =
         include_str!("../../../../tests/transcripts/firmwares/7I95-7I95_1PktD_58.txt");
     let hal = hal();
@@ -428,7 +428,7 @@ fn what_components_of_linuxcnc_cannot_use_is_said_at_the_load() {
 }
 
 #[test]
-fn a_hal_that_is_full_is_an_error() {
+fn hal_that_is_full_is_an_error() {
     let (hal, board) = (hal(), on_time(Board::start()));
     hal.limit(7_000);
     let address = board.address.to_string();
@@ -441,7 +441,7 @@ fn a_hal_that_is_full_is_an_error() {
 
 #[cfg(debug_assertions)]
 #[test]
-fn a_panic_ends_the_board_alone_and_its_outputs_go_off() {
+fn panic_ends_the_board_alone_and_its_outputs_go_off() {
     let (hal, board) = (hal(), on_time(Board::start()));
     let address = board.address.to_string();
     let words = [("board_ip", address.as_str()), ("panic_in", "3000")];

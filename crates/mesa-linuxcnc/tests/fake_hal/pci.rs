@@ -21,7 +21,7 @@ fn refused(hal: &Hal, words: &[(&str, &str)]) -> String {
 }
 
 #[test]
-fn it_drives_the_boards_on_the_pci_bus_with_the_words_of_hm2_pci() {
+fn component_drives_pci_boards_with_the_arguments_of_hm2_pci() {
     let (hal, board) = (hal(), PciBoard::start("driven", with_7i77()));
     let words = [
         ("config", "num_encoders=6 sserial_port_0=00xxxxxx"),
@@ -53,7 +53,7 @@ fn it_drives_the_boards_on_the_pci_bus_with_the_words_of_hm2_pci() {
 
 /// The I/O pins of the second connector are free. A faster thread has them between two cycles.
 #[test]
-fn a_faster_thread_reads_and_writes_the_io_pins_alone() {
+fn faster_thread_reads_and_writes_the_io_pins_alone() {
     let (hal, board) = (hal(), PciBoard::start("gpio", with_7i77()));
     let words = [("config", "num_encoders=6"), ("sysfs", board.root())];
     let loaded = hal.load_as("mesa_pci.so", &words);

@@ -23,8 +23,8 @@ const STEPPERS: Setup = Setup {
     last: "7i76.0.0.output-15",
 };
 
-/// The same with index, probe and tables. The last two generators are not in use, and the outputs of
-/// tables are, as far as the first of them.
+/// The same with index, probe and tables. The last two generators are not in use, and the outputs
+/// of tables are, as far as the first of them.
 const STEPPERS_WITH_INDEX: Setup = Setup {
     options: &["--board", "7i92-7i76-index"],
     words: "board_ip=10.97.0.2 config=\"num_stepgens=3 stepgen_width=3 sserial_port_0=0xxxxxxx\"",
@@ -53,7 +53,7 @@ fn stop([one, other]: [Session; 2]) {
 }
 
 #[test]
-fn a_7i97_has_what_hostmot2_makes_and_a_cycle_costs_what_is_printed() {
+fn pins_of_a_7i97_match_hostmot2_and_the_cycle_cost_is_printed() {
     if skipped() {
         return;
     }
@@ -64,7 +64,7 @@ fn a_7i97_has_what_hostmot2_makes_and_a_cycle_costs_what_is_printed() {
 }
 
 #[test]
-fn the_step_generators_of_a_7i76_are_those_that_hostmot2_makes() {
+fn step_generators_of_a_7i76_are_those_that_hostmot2_makes() {
     if skipped() {
         return;
     }
@@ -74,7 +74,7 @@ fn the_step_generators_of_a_7i76_are_those_that_hostmot2_makes() {
 }
 
 #[test]
-fn a_7i92_has_what_hostmot2_makes_and_two_kinds_of_boards_have_its_names() {
+fn pins_of_a_7i92_and_of_two_boards_have_the_hostmot2_names() {
     if skipped() {
         return;
     }

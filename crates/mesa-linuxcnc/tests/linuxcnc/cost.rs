@@ -1,10 +1,10 @@
 //! What a cycle costs the realtime thread, beside hostmot2 and hm2_eth.
 //!
-//! One pair of measurements, or as many as the environment variable `MESA_ETH_PAIRS` has. Page faults are
-//! those of all cycles meanwhile, and of 20,000 more with that variable.
+//! One pair of measurements, or as many as the environment variable `MESA_ETH_PAIRS` has. Page
+//! faults are those of all cycles meanwhile, and of 20,000 more with that variable.
 //!
-//!     cargo test --release --all-features -p mesa-linuxcnc --no-run
-//!     MESA_ETH_PAIRS=8 cargo test --release --all-features -p mesa-linuxcnc --test linuxcnc a_7i97_has -- --nocapture
+//!     cargo test --release --all-features -p mesa-linuxcnc --no-run MESA_ETH_PAIRS=8 cargo test
+//!     --release --all-features -p mesa-linuxcnc --test linuxcnc a_7i97_has -- --nocapture
 
 use std::fs;
 use std::path::PathBuf;
@@ -13,14 +13,14 @@ use std::time::{Duration, Instant};
 
 use super::session::Session;
 
-/// A measurement is the median of as many short ones: another program that runs meanwhile makes some of
-/// them longer.
+/// A measurement is the median of as many short ones: another program that runs meanwhile makes
+/// some of them longer.
 const SAMPLES: usize = 25;
 /// Duration of each.
 const SAMPLE: Duration = Duration::from_millis(20);
 
-/// Page faults that the kernel may cause where LinuxCNC cannot lock its memory. A cycle that met one each
-/// time would have thousands.
+/// Page faults that the kernel may cause where LinuxCNC cannot lock its memory. A cycle that met
+/// one each time would have thousands.
 const UNLOCKED: u64 = 20;
 
 /// The realtime thread of a driver: a folder of `/proc`.
@@ -92,8 +92,8 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Runs hostmot2 and `mesa_eth`, each in its LinuxCNC, and prints what a cycle of 1 ms costs: side by
-/// side, and one after the other.
+/// Runs hostmot2 and `mesa_eth`, each in its LinuxCNC, and prints what a cycle of 1 ms costs: side
+/// by side, and one after the other.
 pub fn measure(both: &mut [Session; 2]) {
     let pairs = std::env::var("MESA_ETH_PAIRS").ok();
     let pairs = pairs.map(|pairs| pairs.parse::<usize>().expect("a number"));

@@ -124,7 +124,7 @@ const ELSEWHERE: &[(&str, &str)] = &[
 ];
 
 #[test]
-fn faults_end_as_the_page_says() {
+fn faults_end_as_documented() {
     check_page();
     if skipped() {
         return;
@@ -333,8 +333,8 @@ impl Faults {
     }
 
     fn the_thread_stops(&mut self) {
-        // On a busy computer hostmot2 now and then goes on with the board's own outputs as if nothing
-        // had been.
+        // On a busy computer hostmot2 now and then goes on with the board's own outputs as if
+        // nothing had been.
         let attempts = if self.is_ours { 1 } else { 10 };
         let is_noticed = (0..attempts).any(|attempt| {
             if attempt > 0 {

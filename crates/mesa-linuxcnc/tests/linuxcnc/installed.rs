@@ -35,7 +35,7 @@ exit 0
 
 /// The folder of modules is a copy, in a mount namespace.
 #[test]
-fn an_installed_component_is_never_written() {
+fn installed_component_is_never_written() {
     if skipped() {
         return;
     }

@@ -10,7 +10,7 @@ use super::session::{Session, built};
 /// Unlike hm2_eth, the component lets other programs out to its board. The limits of a look are
 /// tested in `mesa-tools`, beside the driver in virtual time and beside hm2_eth.
 #[test]
-fn a_look_costs_the_component_no_packet_and_is_no_second_master() {
+fn look_costs_the_component_no_packet_and_is_no_second_master() {
     if skipped() {
         return;
     }

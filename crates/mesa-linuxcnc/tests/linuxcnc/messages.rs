@@ -69,7 +69,7 @@ fn messages_of_faults_name_the_pin_that_ends_them() {
 }
 
 #[test]
-fn a_command_above_the_limit_is_said_with_the_generator() {
+fn command_above_the_limit_is_reported_with_the_generator() {
     const I7I92: Setup = Setup {
         options: &["--board", "7i92-7i76"],
         prefix: "hm2_7i92.0",
@@ -101,7 +101,7 @@ fn a_command_above_the_limit_is_said_with_the_generator() {
 
 /// As after an emergency stop that cuts field power.
 #[test]
-fn a_card_without_field_power_at_the_load_is_said_and_comes_back() {
+fn card_without_field_power_at_load_is_reported_and_recovers() {
     if skipped() {
         return;
     }
@@ -135,7 +135,7 @@ fn a_card_without_field_power_at_the_load_is_said_and_comes_back() {
 }
 
 #[test]
-fn values_out_of_range_are_corrected_and_said() {
+fn out_of_range_values_are_corrected_and_reported() {
     if skipped() {
         return;
     }
@@ -159,7 +159,7 @@ fn values_out_of_range_are_corrected_and_said() {
 }
 
 #[test]
-fn a_period_that_cannot_be_drives_nothing_until_it_can() {
+fn period_that_cannot_be_drives_nothing_until_it_can() {
     if skipped() {
         return;
     }

@@ -1,5 +1,5 @@
-//! What an operator reads on the screen of all of LinuxCNC, from its error channel: the fault, the pin that
-//! ends it, and what has to be homed again.
+//! What an operator reads on the screen of all of LinuxCNC, from its error channel: the fault, the
+//! pin that ends it, and what has to be homed again.
 
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -36,7 +36,7 @@ fn outage(linuxcnc: &mut LinuxCnc) {
 }
 
 #[test]
-fn the_screen_has_each_fault_with_the_pin_that_ends_it_and_what_to_home() {
+fn screen_shows_each_fault_its_clearing_pin_and_axes_to_home() {
     if skipped() {
         return;
     }

@@ -32,8 +32,8 @@ struct After {
     screen: Vec<String>,
 }
 
-/// Homes a joint, takes the network away while it moves, and continues as the page on LinuxCNC says.
-/// `truth` is where the motor is, in counts or steps, less what LinuxCNC's position means.
+/// Homes a joint, takes the network away while it moves, and continues as the page on LinuxCNC
+/// says. `truth` is where the motor is, in counts or steps, less what LinuxCNC's position means.
 fn outage(
     name: &str,
     (machine, ini, limits): (Machine, &str, &str),
@@ -52,8 +52,8 @@ fn outage(
     }
     linuxcnc.hal("on");
     let before = linuxcnc.settled(&truth);
-    // Slowly enough that its counter cannot wrap around until somebody clears `io_error`, and at its speed:
-    // an axis that accelerates could go further.
+    // Slowly enough that its counter cannot wrap around until somebody clears `io_error`, and at
+    // its speed: an axis that accelerates could go further.
     linuxcnc.hal(&format!("move {JOINT} 2.5 0.1"));
     sleep(Duration::from_millis(300));
     linuxcnc.board("loss 1");
@@ -89,7 +89,7 @@ const ENCODER: &str = "encoder.01.count-unsure";
 const GENERATOR: &str = "stepgen.01.position-unsure";
 
 #[test]
-fn a_servo_axis_keeps_its_position_after_an_outage() {
+fn servo_axis_keeps_its_position_after_an_outage() {
     if skipped() {
         return;
     }
@@ -100,7 +100,7 @@ fn a_servo_axis_keeps_its_position_after_an_outage() {
 }
 
 #[test]
-fn a_step_generator_keeps_its_position_after_an_outage() {
+fn step_generator_keeps_its_position_after_an_outage() {
     if skipped() {
         return;
     }
@@ -113,7 +113,7 @@ fn a_step_generator_keeps_its_position_after_an_outage() {
 /// The watchdog releases the step pins: where the motor stood still is an estimate, which is on the
 /// operator's screen.
 #[test]
-fn a_bitten_step_generator_has_an_estimate_and_says_so() {
+fn bitten_step_generator_reports_an_estimated_position() {
     if skipped() {
         return;
     }

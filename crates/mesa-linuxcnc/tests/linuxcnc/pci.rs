@@ -37,7 +37,7 @@ fn until(what: &str, mut is_so: impl FnMut() -> bool) {
 }
 
 #[test]
-fn a_5i25_with_a_7i77_and_a_7i76_is_driven_in_the_place_of_hm2_pci() {
+fn mesa_pci_drives_a_5i25_with_7i77_and_7i76_as_hm2_pci_does() {
     if skipped() {
         return;
     }

@@ -1,5 +1,5 @@
-//! Moves of a servo machine in all of LinuxCNC with either driver: LinuxCNC's sample configuration, and
-//! what `mesa hal` writes. One word of the files changes.
+//! Moves of a servo machine in all of LinuxCNC with either driver: LinuxCNC's sample configuration,
+//! and what `mesa hal` writes. One word of the files changes.
 
 use crate::halcmd::{alone, skipped};
 use crate::tools::skip;
@@ -35,7 +35,7 @@ struct Moves {
 }
 
 #[test]
-fn the_sample_configuration_homes_and_follows_with_one_word_changed() {
+fn sample_configuration_homes_and_follows_with_one_word_changed() {
     if skipped() {
         return;
     }
@@ -53,7 +53,7 @@ fn the_sample_configuration_homes_and_follows_with_one_word_changed() {
 }
 
 #[test]
-fn what_mesa_hal_writes_homes_and_follows_with_one_word_changed() {
+fn mesa_hal_files_home_and_follow_with_one_word_changed() {
     if skipped() {
         return;
     }

@@ -1,6 +1,7 @@
-//! Moves of a stepper machine in all of LinuxCNC with either driver: LinuxCNC's sample configuration, and
-//! what `mesa hal` writes. One word of the files changes. The truth is the simulated stepper motor, which
-//! loses steps where pulses are too fast, too short, or accelerate too much.
+//! Moves of a stepper machine in all of LinuxCNC with either driver: LinuxCNC's sample
+//! configuration, and what `mesa hal` writes. One word of the files changes. The truth is the
+//! simulated stepper motor, which loses steps where pulses are too fast, too short, or accelerate
+//! too much.
 
 use crate::halcmd::{alone, skipped};
 use crate::tools::skip;
@@ -22,9 +23,9 @@ const STEPS_PER_UNIT: f64 = 1000.0;
 const JOG: f64 = 0.25;
 /// Permitted ratio of the following errors.
 const NO_LARGER: f64 = 1.15;
-/// Following errors up to a tenth of a step count as this: no motor resolves them, and they are the jitter
-/// of the read on a computer that is not a realtime one, which this driver averages over more cycles
-/// than hm2_eth. One cycle of lag more is a whole step at the speed of the jogs.
+/// Following errors up to a tenth of a step count as this: no motor resolves them, and they are the
+/// jitter of the read on a computer that is not a realtime one, which this driver averages over
+/// more cycles than hm2_eth. One cycle of lag more is a whole step at the speed of the jogs.
 const RESOLVED: f64 = 0.1 / STEPS_PER_UNIT;
 /// Number of runs of which one has to do without a lost step.
 const RUNS: usize = 3;
@@ -42,17 +43,17 @@ struct Moves {
 }
 
 #[test]
-fn the_sample_configuration_moves_steppers_of_a_7i92_with_one_word_changed() {
+fn sample_config_moves_7i92_steppers_with_one_word_changed() {
     the_sample_moves(ON_7I92, "7i92", "gpio.020.in");
 }
 
 #[test]
-fn the_sample_configuration_moves_steppers_of_a_7i97_with_one_word_changed() {
+fn sample_config_moves_7i97_steppers_with_one_word_changed() {
     the_sample_moves(ON_7I97, "7i97", "inmux.00.input-04");
 }
 
 #[test]
-fn what_mesa_hal_writes_moves_steppers_with_one_word_changed() {
+fn mesa_hal_files_move_steppers_with_one_word_changed() {
     if skipped() {
         return;
     }
@@ -106,8 +107,8 @@ fn compare(name: &str, machine: Machine, files: &Files, words: [&str; 2]) {
     assert!(ours.following <= limit, "following error above {limit}");
 }
 
-/// Repeats a run in which a motor has lost steps: a thread that a busy computer holds back leaves a rate
-/// in force for longer, and hm2_eth then corrects more than a motor follows.
+/// Repeats a run in which a motor has lost steps: a thread that a busy computer holds back leaves a
+/// rate in force for longer, and hm2_eth then corrects more than a motor follows.
 fn without_lost_steps(mut drive: impl FnMut() -> Result<Moves, String>) -> Moves {
     let mut said = Vec::new();
     for _ in 0..RUNS {

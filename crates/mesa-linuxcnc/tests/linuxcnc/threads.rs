@@ -11,8 +11,8 @@ const THREADS: [(&str, u32, &str); 3] = [
 ];
 
 /// The phase of the DPLL is printed: here it has the jitter of a computer without realtime. Over
-/// virtual time `the_dpll_is_in_phase_with_threads_of_half_a_1_and_2_ms` has its limit, and
-/// `a_reply_is_awaited_for_80_percent_of_the_period` that of a reply.
+/// virtual time `dpll_is_in_phase_with_threads_of_half_a_1_and_2_ms` has its limit, and
+/// `reply_is_awaited_for_80_percent_of_the_period` that of a reply.
 #[test]
 fn dpll_and_watchdog_follow_the_thread() {
     if skipped() {

@@ -1,5 +1,5 @@
-//! All of LinuxCNC with either driver, on the same simulated machine, and a program on LinuxCNC's python
-//! module as its operator. One word of the files changes.
+//! All of LinuxCNC with either driver, on the same simulated machine, and a program on LinuxCNC's
+//! python module as its operator. One word of the files changes.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -231,7 +231,8 @@ impl LinuxCnc {
     }
 
     /// Upper quartile of the following error of the best of some jogs there and back, which are
-    /// repeated while it is `too_large`. A pause of the computer spoils some moments, and some jogs.
+    /// repeated while it is `too_large`. A pause of the computer spoils some moments, and some
+    /// jogs.
     pub fn following(
         &mut self,
         joint: usize,

@@ -14,7 +14,8 @@ const MILL: Machine = Machine {
 
 const OPTIONS: &[&str] = &["--driver", "mesa_eth", "--axes", "XYZ"];
 
-/// Within this time after a fault the machine is off: inputs may be invalid for a tenth of a second.
+/// Within this time after a fault the machine is off: inputs may be invalid for a tenth of a
+/// second.
 const STOPS: Duration = Duration::from_secs(2);
 
 /// Attempts to switch the machine on.
@@ -58,7 +59,7 @@ pub fn expect(linuxcnc: &mut LinuxCnc, name: &str, on: bool, within: Duration) {
 
 /// Its home, limit and emergency-stop inputs keep their last value while it is unplugged.
 #[test]
-fn an_unplugged_card_stops_the_machine_that_mesa_hal_wrote() {
+fn unplugged_card_stops_the_machine_that_mesa_hal_wrote() {
     if skipped() {
         return;
     }
@@ -80,7 +81,7 @@ fn an_unplugged_card_stops_the_machine_that_mesa_hal_wrote() {
 
 /// A 7I97's encoders are multiplexed: while its watchdog has bitten, they are not read.
 #[test]
-fn a_joint_is_unhomed_when_a_fault_makes_its_position_unsure() {
+fn joint_is_unhomed_when_a_fault_makes_its_position_unsure() {
     if skipped() {
         return;
     }

@@ -1,8 +1,8 @@
 //! The log of a simulated board: accesses from the host, in order, and how far they are executed.
 //!
-//! Words of the file, little-endian: 0 magic, 1 number of entries so far (host), 2 number of executed
-//! entries (simulator); from 16 on a ring of entries of two words: the address, with bit 16 for a
-//! read, and the value.
+//! Words of the file, little-endian: 0 magic, 1 number of entries so far (host), 2 number of
+//! executed entries (simulator); from 16 on a ring of entries of two words: the address, with bit
+//! 16 for a read, and the value.
 
 use core::hint::spin_loop;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -157,8 +157,8 @@ impl LogReader {
         Ok(Self { words, done: 0 })
     }
 
-    /// The next access, which is then executed. More of them than the ring has room for are not from a
-    /// host that waits for the simulator: they are skipped.
+    /// The next access, which is then executed. More of them than the ring has room for are not
+    /// from a host that waits for the simulator: they are skipped.
     pub(super) fn next(&mut self) -> Option<Entry> {
         let put = self.words.atomic(PUT)?.load(Ordering::Acquire);
         if put.wrapping_sub(self.done) > ENTRIES {
@@ -212,7 +212,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_number_of_entries_that_the_ring_cannot_hold_is_skipped() {
+    fn number_of_entries_that_the_ring_cannot_hold_is_skipped() {
         let file = File::from(memfd_create("log", MemfdFlags::CLOEXEC).expect("a memfd"));
         ftruncate(&file, BYTES).expect("a size");
         let mut reader = LogReader::new(&file).expect("mapped");

@@ -1,22 +1,22 @@
 //! Simulated boards: a folder like sysfs's, and a simulator in another thread or process.
 //!
 //! [`SimulatedDevice`] makes the folder. Its `resource0` is a file that both sides map, so that
-//! [`PciBus`](crate::PciBus) makes the same loads and stores as on a board. Memory alone cannot be a
-//! board: it shows neither that a word was read, nor a write of the value that is already there, nor
-//! the order of writes. So the folder has a second file, the log, which the bus maps as well if it is
-//! there: each store is noted in it, and each load is announced and waits until the simulator has put
-//! the word into the memory. A real board has no such file, and the bus then does nothing but loads
-//! and stores.
+//! [`PciBus`](crate::PciBus) makes the same loads and stores as on a board. Memory alone cannot be
+//! a board: it shows neither that a word was read, nor a write of the value that is already there,
+//! nor the order of writes. So the folder has a second file, the log, which the bus maps as well if
+//! it is there: each store is noted in it, and each load is announced and waits until the simulator
+//! has put the word into the memory. A real board has no such file, and the bus then does nothing
+//! but loads and stores.
 //!
 //! # What a simulated board does not show
 //!
 //! - The time of an access. A list that reads takes the time in which the system switches to the
 //!   simulator and back, some 10 us, and not about 1 us for each register.
-//! - Posted writes. A write is executed when the simulator looks, within 1 ms, or with the next read;
-//!   on a real bus it has usually arrived within 1 us. The order is the same.
+//! - Posted writes. A write is executed when the simulator looks, within 1 ms, or with the next
+//!   read; on a real bus it has usually arrived within 1 us. The order is the same.
 //! - The bus itself: bridges, other devices' traffic, parity errors, a stuck bus. Loads never fail.
-//! - Programs that know nothing of the log: they see the registers as they were read last, and their
-//!   writes have no effect. They can look at the identification.
+//! - Programs that know nothing of the log: they see the registers as they were read last, and
+//!   their writes have no effect. They can look at the identification.
 //! - The rights of a real `resource0`, and the kernel's refusal to map it (`lockdown`, an exclusive
 //!   driver).
 
@@ -106,8 +106,8 @@ impl SimulatedDevice {
         }
     }
 
-    /// Executes all accesses so far, and waits for `limit` at most if there were none. Returns their
-    /// number.
+    /// Executes all accesses so far, and waits for `limit` at most if there were none. Returns
+    /// their number.
     pub fn step(&mut self, board: &mut impl SimulatedRegisters, limit: Duration) -> u32 {
         board.advance_to(self.now());
         let mut done = 0;

@@ -69,7 +69,7 @@ fn cost(fpga: SimFpga) -> (usize, usize) {
 }
 
 #[test]
-fn the_table_of_the_page_has_the_reads_and_writes_of_a_cycle_and_no_register_is_read_twice() {
+fn page_lists_the_cycle_cost_and_no_register_is_read_twice() {
     let mut missing = Vec::new();
     for (machine, fpga) in [
         ("1 field I/O", field_cards(1)),

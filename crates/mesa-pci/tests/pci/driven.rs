@@ -144,11 +144,11 @@ fn a_7i77_on_a_5i25_follows_its_outputs_and_shows_its_inputs() {
     drop(bench.served.end());
 }
 
-/// Pulses are counted, and not what a rotor makes of them: on a busy computer a rate is in force for
-/// longer than a period, and its correction is more than a motor follows.
+/// Pulses are counted, and not what a rotor makes of them: on a busy computer a rate is in force
+/// for longer than a period, and its correction is more than a motor follows.
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_steppers_of_a_7i76_beside_a_7i77_arrive_at_their_commands() {
+fn steppers_of_a_7i76_beside_a_7i77_arrive_at_their_commands() {
     let board = machines::eleven_axes_5i25(Motor::default(), Stepper::default());
     let mut bench = Bench::with(board);
     assert_eq!(bench.driver.remarks(), []);
@@ -199,7 +199,7 @@ fn the_steppers_of_a_7i76_beside_a_7i77_arrive_at_their_commands() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_board_that_vanishes_is_an_error_of_the_cycle_and_no_input_changes() {
+fn vanished_board_is_a_cycle_error_and_changes_no_input() {
     let mut bench = Bench::start();
     let [on, off] = ["05", "06"].map(|number| {
         let name = format!("hm2_5i25.0.7i77.0.0.input-{number}");
@@ -236,7 +236,7 @@ fn a_board_that_vanishes_is_an_error_of_the_cycle_and_no_input_changes() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_cycle_makes_no_allocation_on_the_bus() {
+fn cycle_makes_no_allocation_on_the_bus() {
     let mut bench = Bench::start();
     let mut cycles = 0;
     bench.until("ten cycles", |_| {

@@ -38,7 +38,7 @@ impl SimulatedRegisters for Journal {
 }
 
 #[test]
-fn the_bus_loads_and_stores_words_of_the_mapped_file() {
+fn bus_loads_and_stores_words_of_the_mapped_file() {
     let root = Folder::new();
     let folder = plain(root.path(), BoardKind::I5i25);
     poke(&folder, 0x1000, 5);
@@ -59,7 +59,7 @@ fn the_bus_loads_and_stores_words_of_the_mapped_file() {
 }
 
 #[test]
-fn accesses_arrive_once_in_their_order_also_where_a_value_is_there_already() {
+fn accesses_arrive_once_in_order_even_if_the_value_is_unchanged() {
     let root = Folder::new();
     let served = Served::start(root.path(), Journal::default());
     let mut bus = device(root.path()).open().expect("a board");
@@ -108,7 +108,7 @@ fn more_writes_than_the_log_holds_arrive_all() {
 }
 
 #[test]
-fn writes_of_set_up_are_forced_by_a_read_and_those_of_a_cycle_by_the_next_read() {
+fn set_up_writes_are_forced_by_a_read_cycle_writes_by_the_next() {
     let root = Folder::new();
     let folder = plain(root.path(), BoardKind::I5i25);
     poke(&folder, 0x1000, 5);
@@ -140,7 +140,7 @@ fn writes_of_set_up_are_forced_by_a_read_and_those_of_a_cycle_by_the_next_read()
 }
 
 #[test]
-fn a_board_that_vanishes_fails_the_list_and_no_word_changes() {
+fn board_that_vanishes_fails_the_list_and_no_word_changes() {
     let root = Folder::new();
     let folder = plain(root.path(), BoardKind::I5i25);
     let mut bus = device(root.path()).open().expect("a board");
@@ -175,7 +175,7 @@ fn a_board_that_vanishes_fails_the_list_and_no_word_changes() {
 }
 
 #[test]
-fn a_simulated_board_is_taken_from_the_bus_and_put_back() {
+fn simulated_board_is_taken_from_the_bus_and_put_back() {
     let root = Folder::new();
     let served = Served::start(root.path(), Journal::default());
     let mut bus = device(root.path()).open().expect("a board");
@@ -192,7 +192,7 @@ fn a_simulated_board_is_taken_from_the_bus_and_put_back() {
 }
 
 #[test]
-fn an_access_that_cannot_be_is_refused_before_anything_is_accessed() {
+fn access_that_cannot_be_is_refused_before_anything_is_accessed() {
     let root = Folder::new();
     let folder = plain(root.path(), BoardKind::I5i25);
     let mut bus = device(root.path()).open().expect("a board");

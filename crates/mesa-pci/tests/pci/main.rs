@@ -1,5 +1,5 @@
-//! Boards in folders like sysfs's: what is refused, what an exchange does, and a driver on a simulated
-//! board in mapped memory.
+//! Boards in folders like sysfs's: what is refused, what an exchange does, and a driver on a
+//! simulated board in mapped memory.
 
 mod cost;
 mod driven;

@@ -16,7 +16,7 @@ fn refused(root: &Path) -> PciOpenError {
 }
 
 #[test]
-fn boards_are_found_in_the_order_of_their_addresses_and_other_devices_are_not() {
+fn boards_are_found_in_address_order_and_other_devices_are_not() {
     let root = Folder::new();
     assert_eq!(search(root.path()).expect("no bus").len(), 0);
     let make = |address: &str, kind| {
@@ -46,7 +46,7 @@ fn boards_are_found_in_the_order_of_their_addresses_and_other_devices_are_not() 
 }
 
 #[test]
-fn a_device_that_is_not_there_or_is_no_board_is_named() {
+fn device_that_is_not_there_or_is_no_board_is_named() {
     let root = Folder::new();
     let error = PciDevice::at(root.path(), address()).expect_err("nothing there");
     assert!(matches!(error, PciOpenError::NoDevice { .. }));
@@ -65,7 +65,7 @@ fn a_device_that_is_not_there_or_is_no_board_is_named() {
 }
 
 #[test]
-fn a_driver_of_the_kernel_is_named_with_the_way_to_unbind_it() {
+fn driver_of_the_kernel_is_named_with_the_way_to_unbind_it() {
     let root = Folder::new();
     let folder = plain(root.path(), BoardKind::I5i25);
     symlink("../../../bus/pci/drivers/vfio-pci", folder.join("driver")).expect("a link");
@@ -77,7 +77,7 @@ fn a_driver_of_the_kernel_is_named_with_the_way_to_unbind_it() {
 }
 
 #[test]
-fn a_region_that_is_no_64_kib_of_memory_is_refused() {
+fn region_that_is_no_64_kib_of_memory_is_refused() {
     for (line, found) in [
         ("0xfe900000 0xfe900fff 0x40200", "4096 bytes of memory"),
         ("0xe000 0xefff 0x40101", "4096 bytes that are no memory"),
@@ -101,7 +101,7 @@ fn a_region_that_is_no_64_kib_of_memory_is_refused() {
 }
 
 #[test]
-fn memory_that_is_off_is_refused_with_the_command_that_switches_it_on() {
+fn disabled_memory_is_refused_with_the_command_that_enables_it() {
     let root = Folder::new();
     let folder = plain(root.path(), BoardKind::I5i25);
     let config = fs::File::options().write(true).open(folder.join("config"));
@@ -118,7 +118,7 @@ fn memory_that_is_off_is_refused_with_the_command_that_switches_it_on() {
 }
 
 #[test]
-fn without_rights_the_rule_for_udev_is_given() {
+fn missing_rights_are_refused_with_the_udev_rule() {
     let root = Folder::new();
     let folder = plain(root.path(), BoardKind::I5i25);
     let path = folder.join("resource0");
@@ -154,7 +154,7 @@ fn locked_by(folder: &Path, script: &str) -> Child {
 }
 
 #[test]
-fn a_second_program_is_refused_as_long_as_the_first_has_the_board() {
+fn second_program_is_refused_as_long_as_the_first_has_the_board() {
     let root = Folder::new();
     let folder = plain(root.path(), BoardKind::I5i25);
     let mut other = locked_by(&folder, "echo locked; read line");
@@ -181,7 +181,7 @@ fn a_second_program_is_refused_as_long_as_the_first_has_the_board() {
 
 /// `kill -9` leaves a program no time to release anything.
 #[test]
-fn the_lock_of_a_program_that_is_killed_is_gone() {
+fn lock_of_a_program_that_is_killed_is_gone() {
     let root = Folder::new();
     let folder = plain(root.path(), BoardKind::I5i25);
     let mut other = locked_by(&folder, "echo locked; exec sleep 1000");
@@ -237,7 +237,7 @@ fn linuxcnc_has_no_lock_and_is_found_by_its_mappings() {
 }
 
 #[test]
-fn a_file_that_is_too_short_is_not_mapped() {
+fn file_that_is_too_short_is_not_mapped() {
     let root = Folder::new();
     let folder = plain(root.path(), BoardKind::I5i25);
     let file = fs::File::options()
@@ -251,7 +251,7 @@ fn a_file_that_is_too_short_is_not_mapped() {
 }
 
 #[test]
-fn without_the_cookie_a_silent_board_is_told_from_another_firmware() {
+fn silent_board_and_other_firmware_get_different_errors() {
     let root = Folder::new();
     let folder = plain(root.path(), BoardKind::I5i25);
     poke(&folder, 0x0100, u32::MAX);
@@ -264,7 +264,7 @@ fn without_the_cookie_a_silent_board_is_told_from_another_firmware() {
 }
 
 #[test]
-fn a_folder_that_a_simulator_left_behind_is_no_board_and_is_made_anew() {
+fn stale_simulator_folder_is_no_board_and_is_replaced() {
     let root = Folder::new();
     let device = SimulatedDevice::new(root.path(), address(), BoardKind::I5i25).expect("a board");
     let twice = SimulatedDevice::new(root.path(), address(), BoardKind::I5i25);

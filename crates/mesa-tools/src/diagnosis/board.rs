@@ -386,7 +386,7 @@ mod tests {
     const MS: Duration = Duration::from_millis(1);
 
     #[test]
-    fn the_advice_on_counted_errors_has_each_of_their_causes() {
+    fn advice_on_counted_errors_has_each_of_their_causes() {
         for (damaged, refused) in [(true, false), (false, true), (true, true)] {
             let advice = causes(damaged, refused);
             assert_eq!(advice.contains("cable"), damaged, "{advice}");
@@ -395,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn another_card_is_not_said_to_come_back_by_itself() {
+    fn advice_for_another_card_does_not_promise_automatic_return() {
         let identity = |unit_number| mesa_hal::sslbp::RemoteIdentity {
             name: mesa_hal::sslbp::RemoteName(*b"7I77"),
             unit_number,
@@ -413,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn an_eeprom_that_was_never_written_is_bad_and_no_firmware_is_advised() {
+    fn unwritten_eeprom_is_bad_and_no_firmware_is_advised() {
         let identity = |card: &str, mac| Identity {
             card: card.into(),
             mac: MacAddress(mac),
@@ -438,7 +438,7 @@ mod tests {
     }
 
     #[test]
-    fn a_watchdog_is_fed_by_three_periods_and_lets_nothing_run_on() {
+    fn watchdog_is_fed_by_three_periods_and_lets_nothing_run_on() {
         for (time, verdict) in [
             (None, FigureVerdict::Bad),
             (Some(1_999), FigureVerdict::Bad),
@@ -537,7 +537,7 @@ mod tests {
     }
 
     #[test]
-    fn a_remote_without_power_or_with_a_fault_is_bad() {
+    fn remote_without_power_or_with_a_fault_is_bad() {
         let place = "port 0, channel 0";
         let unmeasured = || Some(("not measured", String::from("measure it")));
         assert_eq!(

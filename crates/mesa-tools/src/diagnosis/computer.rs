@@ -316,7 +316,7 @@ mod tests {
     };
 
     #[test]
-    fn a_computer_that_is_made_for_it_is_good() {
+    fn computer_that_is_made_for_it_is_good() {
         let root = HostLimits {
             may_schedule: true,
             may_lock: true,
@@ -356,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_cycles_late_is_worth_a_look_and_what_is_not_known_is_said() {
+    fn causes_of_late_cycles_rate_look_and_missing_data_unknown() {
         let c6 = IdleState {
             name: "C6".into(),
             latency_us: 133,
@@ -416,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_packets_are_the_cables_and_dropped_ones_the_computers() {
+    fn damaged_packets_blame_the_cable_dropped_ones_the_computer() {
         let of = |damaged, dropped| errors("eth0", Some(NetworkErrors { damaged, dropped }));
         assert_eq!(of(0, 0).verdict, Ok);
         for (finding, advice) in [

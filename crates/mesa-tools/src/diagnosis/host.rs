@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn this_computer_says_how_many_cpus_it_has_and_what_it_allows() {
+    fn host_reports_cpus_and_limits_and_a_missing_root_reports_none() {
         let host = Host::here();
         assert!(!host.cpus().unwrap().is_empty());
         assert!(host.limits().unwrap().priority <= 99);

@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_finding_has_words_or_no_advice() {
+    fn finding_has_words_or_no_advice() {
         let blank = Finding::new(FigureVerdict::Look, "fuse", " ", "");
         assert_eq!((&*blank.figure, blank.advice), ("not known", None));
         let whole = Finding::new(FigureVerdict::Bad, "fuse", "blown", "replace it");

@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cable_of_its_own_is_good_and_everything_else_says_what_to_do() {
+    fn dedicated_cable_is_good_and_every_other_route_has_advice() {
         let board = Ipv4Addr::new(10, 10, 10, 10);
         let finding = way(&network(Ready, "eth1"), board);
         assert_eq!(
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn the_interface_that_is_down_is_named_and_never_that_of_the_office() {
+    fn interface_that_is_down_is_named_and_never_that_of_the_office() {
         let board = Ipv4Addr::new(10, 10, 10, 10);
         for (state, interfaces, advice) in [
             (

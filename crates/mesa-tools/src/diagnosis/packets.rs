@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn the_boards_counter_shows_on_which_way_packets_were_lost() {
+    fn boards_counter_shows_on_which_way_packets_were_lost() {
         let received = |count: u16| 65_000_u16.wrapping_add(count);
         for (end, said) in [
             (
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_without_trouble_has_no_words() {
+    fn run_without_trouble_has_no_words() {
         let mut packets = Packets {
             sent: 10,
             ..Packets::default()
@@ -228,13 +228,13 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_exchange_of_the_boards_pace_is_one_packet() {
+    fn lost_exchange_of_the_boards_pace_is_one_packet() {
         let end = mark(1100, 5, 4, 65_000_u16.wrapping_add(997));
         assert!(told(end, Pace::Board).starts_with("3 of 1000 packets lost"));
     }
 
     #[test]
-    fn doubled_packets_hide_the_way_of_lost_ones_and_damaged_ones_are_named() {
+    fn duplicates_hide_the_direction_of_losses_and_damage_is_shown() {
         let mut end = mark(1100, 4, 1, 65_000_u16.wrapping_add(998));
         if let Some(board) = &mut end.board {
             board.damaged = 2;

@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn a_board_that_answers_is_asked_as_often_as_wanted() {
+    fn board_that_answers_is_asked_as_often_as_wanted() {
         let mut bus = machines::i7i97(1);
         let period = Duration::from_millis(1);
         let trips = RoundTrips::measure(&mut bus, 50, period, || true).unwrap();

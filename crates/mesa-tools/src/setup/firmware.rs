@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_names_its_card_by_its_name_or_by_its_contents() {
+    fn file_names_its_card_by_its_name_or_by_its_contents() {
         let named = |name, contents| take(name, contents).map(|firmware| firmware.names_card());
         assert_eq!(named("7I77.BIN", &[1, 2]), Ok(false));
         assert_eq!(named("7I77.BIN", b"..7I77.."), Ok(true));
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_for_another_card_is_refused_whatever_it_is_called() {
+    fn file_for_another_card_is_refused_whatever_it_is_called() {
         let found = RemoteName(*b"8I20");
         let other = Err(FirmwareError::OtherCard { found, card: CARD });
         assert_eq!(take("8I20T.BIN", &[1, 2]), other);

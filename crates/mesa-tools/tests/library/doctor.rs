@@ -46,7 +46,7 @@ fn diagnose(to_board: Fate, to_host: Fate) -> [Finding; 2] {
 }
 
 #[test]
-fn on_a_good_network_nothing_is_lost_and_nothing_is_late() {
+fn good_network_shows_no_lost_and_no_late_packets() {
     let [loss, latency] = diagnose(good(), good());
     assert_eq!(loss.verdict, FigureVerdict::Ok, "{loss:?}");
     assert_eq!(latency.verdict, FigureVerdict::Ok, "{latency:?}");
@@ -55,7 +55,7 @@ fn on_a_good_network_nothing_is_lost_and_nothing_is_late() {
 }
 
 #[test]
-fn lost_packets_are_counted_for_each_way_as_the_network_lost_them() {
+fn loss_per_direction_matches_the_losses_of_the_network() {
     let (to_board, lost) = each(7, vec![]);
     let (to_host, lost_back) = each(5, vec![]);
     let [loss, _] = diagnose(to_board, to_host);

@@ -7,7 +7,7 @@ use mesa_tools::inventory::{self, InventoryEthernet};
 
 /// A 5I25 of 2012 printed SSLBP 1.38: FACTS 2.3.
 #[test]
-fn old_serial_firmware_is_told() {
+fn old_serial_firmware_is_reported() {
     for (minor, is_old) in [(38, true), (43, false)] {
         let mut firmware = machines::firmware_5i25_7i77();
         firmware.sslbp_minor = minor;
@@ -23,7 +23,7 @@ fn old_serial_firmware_is_told() {
 
 /// The stock firmware of a 7I92 lists PWM with 0 instances, which is no finding.
 #[test]
-fn a_descriptor_without_instances_is_nothing_to_look_at() {
+fn descriptor_without_instances_is_nothing_to_look_at() {
     let mut fpga = machines::i7i92_with_cards();
     let mut listed = fpga.firmware().modules.iter();
     assert!(listed.any(|module| (module.gtag, module.instances) == (gtag::PWM, 0)));
@@ -33,7 +33,7 @@ fn a_descriptor_without_instances_is_nothing_to_look_at() {
 
 /// A 7I97T whose card name is 7I97 as well is distinguished by its firmware. FACTS 9.6.
 #[test]
-fn both_jumpers_up_mean_the_fallback_on_a_7i97t_and_nothing_on_a_7i97() {
+fn jumpers_both_up_mean_fallback_on_a_7i97t_invalid_on_a_7i97() {
     for (fpga, source, findings) in [
         (machines::i7i97t(1), AddressSource::Fallback, 0),
         (machines::i7i97(1), AddressSource::Invalid, 1),
@@ -53,7 +53,7 @@ fn both_jumpers_up_mean_the_fallback_on_a_7i97t_and_nothing_on_a_7i97() {
 
 /// Other programs refuse such a board.
 #[test]
-fn an_eeprom_that_was_never_written_is_a_finding() {
+fn eeprom_that_was_never_written_is_a_finding() {
     for (is_blank, lacks) in [
         ([false, false], None),
         ([true, false], Some("no card name")),
@@ -80,7 +80,7 @@ fn an_eeprom_that_was_never_written_is_a_finding() {
 
 #[cfg(feature = "serde")]
 #[test]
-fn an_inventory_is_as_it_is_written() {
+fn inventory_is_as_it_is_written() {
     use crate::common::machine::{ANALOG, FIELD, fpga};
     use std::path::Path;
 

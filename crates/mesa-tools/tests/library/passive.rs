@@ -167,7 +167,7 @@ fn is_write(packet: &[u8]) -> bool {
 }
 
 #[test]
-fn a_driver_at_1_khz_notices_nothing_of_a_look() {
+fn driver_at_1_khz_notices_nothing_of_a_look() {
     for pace in [Pace::Host, Pace::Board] {
         look_beside(pace);
     }
@@ -228,7 +228,7 @@ fn look_beside(pace: Pace) {
 /// The same questions without the limit: the driver takes them for those of another master, so that
 /// the test above can fail.
 #[test]
-fn who_asks_the_same_without_a_limit_is_taken_for_a_second_master() {
+fn same_requests_without_a_limit_count_as_a_second_master() {
     let machine = machine();
     let mut bus = look(&machine);
     bus.identify().expect("a 7I97");
@@ -243,7 +243,7 @@ fn who_asks_the_same_without_a_limit_is_taken_for_a_second_master() {
 }
 
 #[test]
-fn nothing_is_written_and_the_board_counts_no_error() {
+fn passive_inventory_writes_nothing_and_causes_no_board_error() {
     let machine = machine();
     let mut bus = look(&machine);
     let before = EthernetBoard::new(&mut bus).counters().expect("a board");
@@ -290,7 +290,7 @@ fn not_read(address: u16) -> BusError {
 }
 
 #[test]
-fn writes_and_reads_that_change_something_are_refused_before_anything_is_sent() {
+fn writes_and_reads_with_side_effects_are_refused_unsent() {
     let machine = machine();
     let mut bus = look(&machine);
     let early = bus.read_all(&[Read::hostmot2(COUNT, 1)]);
@@ -411,7 +411,7 @@ fn packets_are_few_small_and_never_two_in_flight() {
 
 /// The count of an encoder that turns: an older reply has another one.
 #[test]
-fn a_late_reply_is_not_taken_for_a_newer_one() {
+fn late_reply_is_not_taken_for_a_newer_one() {
     let machine = machine();
     let mut bus = look(&machine);
     bus.identify().expect("a 7I97");

@@ -118,7 +118,7 @@ fn each_terminal_whose_switch_is_there_is_in_order() {
 }
 
 #[test]
-fn exchanged_wires_are_told_with_the_one_that_changed_instead() {
+fn exchanged_wires_are_reported_with_the_input_that_changed() {
     let mut cabinet = Cabinet::after_hands_off();
     cabinet.wires.swap(1, 2);
     for (asked, wired) in [(1, 2), (2, 1)] {
@@ -136,7 +136,7 @@ fn exchanged_wires_are_told_with_the_one_that_changed_instead() {
 }
 
 #[test]
-fn a_wire_that_reaches_two_terminals_is_told_of_both() {
+fn wire_that_reaches_two_terminals_is_reported_with_both() {
     let mut cabinet = Cabinet::after_hands_off();
     cabinet.wires[4] = 3;
     let found = cabinet.ask(3).expect("a judgement");
@@ -145,7 +145,7 @@ fn a_wire_that_reaches_two_terminals_is_told_of_both() {
 }
 
 #[test]
-fn a_loose_wire_changes_nothing_and_one_that_chatters_does_not_count() {
+fn loose_wire_changes_nothing_and_a_chattering_one_is_ignored() {
     let mut cabinet = Cabinet::new();
     cabinet.chatters = Some(6);
     assert_eq!(cabinet.run(HANDS_OFF.as_millis() as u64), None);
@@ -165,7 +165,7 @@ fn a_loose_wire_changes_nothing_and_one_that_chatters_does_not_count() {
 }
 
 #[test]
-fn a_card_that_is_pulled_is_not_valid_and_no_change() {
+fn card_that_is_pulled_is_not_valid_and_no_change() {
     let mut cabinet = Cabinet::after_hands_off();
     cabinet.check.ask(cabinet.inputs[0]);
     assert_eq!(cabinet.run(BETWEEN), None);

@@ -87,7 +87,7 @@ impl Guide {
 
 /// The motor's index is at multiples of 4000 counts, and the motor stands at 1000.
 #[test]
-fn the_index_of_a_motor_comes_when_it_is_turned_past_it_and_not_before() {
+fn motor_index_comes_when_turned_past_it_and_not_before() {
     let mut guide = Guide::new(4000);
     let (index, pin) = guide.index();
     guide.check.ask(index);
@@ -113,7 +113,7 @@ fn the_index_of_a_motor_comes_when_it_is_turned_past_it_and_not_before() {
 }
 
 #[test]
-fn an_index_that_is_not_wired_is_told_and_its_request_is_taken_back() {
+fn unwired_index_is_reported_and_its_request_is_cancelled() {
     let mut guide = Guide::new(0);
     let (index, pin) = guide.index();
     let is_armed = |guide: &Guide| guide.machine.driver.pins().read_any(pin).value.as_f64() != 0.0;

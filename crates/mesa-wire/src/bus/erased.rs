@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bus_works_as_before_when_its_type_is_hidden() {
+    fn bus_works_as_before_when_its_type_is_hidden() {
         let mut bus = DynBus::new(Bus(Ok(())));
         assert_eq!(bus.read(0x100), Ok(7));
         let list = bus

@@ -510,7 +510,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_is_small_enough_to_be_returned_by_value() {
+    fn error_is_small_enough_to_be_returned_by_value() {
         assert!(size_of::<BusError>() <= 48);
     }
 }

@@ -82,7 +82,7 @@ mod tests {
     /// `/proc/uptime` includes time in suspend. The test detects the wrong clock on a host that has
     /// been suspended, or under `unshare --time --boottime SECONDS`.
     #[test]
-    fn the_host_clock_counts_time_in_suspend() {
+    fn host_clock_counts_time_in_suspend() {
         let uptime = || {
             let text = std::fs::read_to_string("/proc/uptime").unwrap();
             let seconds: f64 = text.split(' ').next().unwrap().parse().unwrap();

@@ -78,7 +78,7 @@ mod tests {
     use alloc::string::ToString;
 
     #[test]
-    fn an_address_is_read_with_and_without_its_domain() {
+    fn address_is_read_with_and_without_its_domain() {
         let address: PciAddress = "03:1f.7".parse().expect("an address");
         assert_eq!(address.to_string(), "0000:03:1f.7");
         assert_eq!("0000:03:1f.7".parse(), Ok(address));
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_address_is_refused_with_its_text() {
+    fn invalid_pci_address_is_refused_with_its_text() {
         for text in [
             "",
             "3",

@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn an_access_says_what_it_is() {
+    fn access_displays_its_kind_size_and_address() {
         assert_eq!(
             read(0x49A, AccessSize::Word).to_string(),
             "read of 2 bytes at 0x049A"

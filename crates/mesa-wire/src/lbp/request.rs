@@ -216,7 +216,7 @@ mod tests {
 
     /// Manual: 7I77, "EXAMPLE LBP COMMANDS"; the last byte is the CRC.
     #[test]
-    fn the_examples_of_the_manual_have_their_bytes() {
+    fn examples_of_the_manual_have_their_bytes() {
         let at = MemoryAddress::at(0x10);
         let write = Request::write(at.auto_increment(), AccessSize::Long, 0xDDCC_BBAA);
         let bytes = [0x6E, 0x10, 0x00, 0xAA, 0xBB, 0xCC, 0xDD, 0x90];

@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reply_that_is_cut_off_shows_in_the_command_that_it_ends_in() {
+    fn reply_that_is_cut_off_shows_in_the_command_that_it_ends_in() {
         let all = answered(&REPLY[..7]);
         let whole: Vec<bool> = all.iter().map(Answered::is_whole).collect();
         assert_eq!(whole, [true, true, false]);

@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_command_leaves_the_request_as_it_was() {
+    fn invalid_command_leaves_the_request_unchanged() {
         let mut request = RequestBuilder::default();
         request.read(Space::HostMot2, 0x0100, 1).unwrap();
         assert_eq!(
@@ -196,7 +196,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_board_understands_what_a_host_builds(
+        fn board_understands_what_a_host_builds(
             commands in prop::collection::vec(any_command(), 0..12),
         ) {
             let mut request = RequestBuilder::default();

@@ -156,7 +156,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn memsizes_is_laid_out_as_the_manual_says() {
+    fn memsizes_layout_matches_the_manual() {
         // Manual: 7I97, "INFO AREA MEMSIZES FORMAT": "0x06 means 16 bit and 32 bit operations".
         let sizes = MemorySizes(0x8206);
         assert!(sizes.writable());
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn memranges_is_laid_out_as_the_manual_says() {
+    fn memranges_layout_matches_the_manual() {
         // Manual: 7I97, "INFO AREA MEMRANGES FORMAT", for the M25P16 of "EEPROM LAYOUT": 2 MB,
         // sectors of 64 KB, pages of 256 bytes.
         let ranges = MemoryRanges::new(16, 8, 21);
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn the_cookie_names_the_space() {
+    fn cookie_names_the_space() {
         let words = [0x5A03, 0x8F04, 0, 0, 0x5046, 0x4147, 0, 0];
         let area = InfoArea::parse(Space::Flash, words).unwrap();
         assert_eq!(area.name(), "FPGA");

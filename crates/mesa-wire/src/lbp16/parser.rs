@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cut_off_is_said_and_nothing_follows() {
+    fn truncated_command_is_an_error_and_ends_the_parse() {
         fn at(request: &[u8]) -> Result<Operation<'_>, Lbp16Error> {
             *parse(request).last().unwrap()
         }

@@ -20,7 +20,7 @@ fn differences(chip: &mut Chip, backup: &[u8]) -> Vec<(Option<Area>, u32, u32)> 
 }
 
 #[test]
-fn a_backup_is_the_chip_and_differs_nowhere() {
+fn backup_is_the_chip_and_differs_nowhere() {
     let (mut chip, bytes) = whole();
     let mut last = 0;
     let mut flash = open(&mut chip).unwrap();
@@ -36,7 +36,7 @@ fn a_backup_is_the_chip_and_differs_nowhere() {
 }
 
 #[test]
-fn a_configuration_whose_first_page_is_erased_does_not_begin() {
+fn configuration_whose_first_page_is_erased_does_not_begin() {
     let (mut chip, _) = whole();
     for (at, area) in [(USER, Area::User), (FALLBACK, Area::Fallback)] {
         assert_eq!(open(&mut chip).unwrap().begins(area), Ok(true));
@@ -46,7 +46,7 @@ fn a_configuration_whose_first_page_is_erased_does_not_begin() {
 }
 
 #[test]
-fn a_backup_that_is_ended_is_none() {
+fn backup_that_is_ended_is_none() {
     let (mut chip, bytes) = whole();
     let mut flash = open(&mut chip).unwrap();
     assert_eq!(flash.backup(|done| done < 5000), Ok(None));
@@ -54,7 +54,7 @@ fn a_backup_that_is_ended_is_none() {
 }
 
 #[test]
-fn what_differs_is_written_back_the_user_area_first_and_the_boot_block_last() {
+fn differences_are_restored_user_area_first_and_boot_block_last() {
     let (mut chip, backup) = whole();
     let boot = (Some(Area::BootBlock), 0, 0x1_0000);
     let fallback = (Some(Area::Fallback), 0x1_0000, 0x3_0000);
@@ -83,7 +83,7 @@ fn what_differs_is_written_back_the_user_area_first_and_the_boot_block_last() {
 }
 
 #[test]
-fn a_file_that_a_board_would_not_start_from_is_no_backup() {
+fn file_that_a_board_would_not_start_from_is_no_backup() {
     let (mut chip, backup) = whole();
     let flash = open(&mut chip).unwrap();
     let size = EthernetError::OutsideArea {
@@ -119,7 +119,7 @@ fn a_file_that_a_board_would_not_start_from_is_no_backup() {
 }
 
 #[test]
-fn the_fallback_is_written_back_only_beside_a_user_configuration() {
+fn fallback_is_written_back_only_beside_a_user_configuration() {
     let (mut chip, backup) = whole();
     chip.bytes[USER..USER + PAGE].fill(0xFF);
     let part = FlashDifference {
@@ -142,7 +142,7 @@ fn the_fallback_is_written_back_only_beside_a_user_configuration() {
 }
 
 #[test]
-fn a_restore_that_is_cut_off_leaves_no_beginning_and_can_be_done_again() {
+fn interrupted_restore_leaves_no_sync_word_and_can_be_repeated() {
     let (mut chip, backup) = whole();
     chip.bytes[USER + 100_000] ^= 0xFF;
     chip.pages_left = 300;

@@ -125,7 +125,7 @@ fn run_at(speed: f64, seconds: f64) -> f64 {
 }
 
 #[test]
-fn a_constant_speed_is_measured_from_below_one_count_per_cycle_to_far_above() {
+fn constant_speed_is_measured_from_below_one_count_per_cycle_up() {
     for speed in [5.0, 37.0, 999.0, 12_345.0, 1e6, -5.0, -37.0, -20_000.0] {
         let velocity = run_at(speed, 2.0);
         assert!(
@@ -136,7 +136,7 @@ fn a_constant_speed_is_measured_from_below_one_count_per_cycle_to_far_above() {
 }
 
 #[test]
-fn missed_cycles_longer_than_the_time_stamps_wrap_do_not_make_velocity() {
+fn velocity_is_right_after_missed_cycles_beyond_a_stamp_wrap() {
     let mut hardware = Hardware::default();
     let mut encoder = encoder();
     encoder.read(hardware.sample());
@@ -175,7 +175,7 @@ fn index_enable_zeroes_the_count_where_the_index_was() {
 }
 
 #[test]
-fn an_index_within_the_first_cycle_is_seen() {
+fn index_within_the_first_cycle_is_seen() {
     let mut hardware = Hardware::default();
     let mut encoder = encoder();
     encoder.read(hardware.sample());
@@ -185,7 +185,7 @@ fn an_index_within_the_first_cycle_is_seen() {
 }
 
 #[test]
-fn a_lost_write_of_the_control_word_is_no_index() {
+fn lost_write_of_the_control_word_is_no_index() {
     let mut hardware = Hardware::default();
     let mut encoder = encoder();
     encoder.read(hardware.sample());
@@ -199,7 +199,7 @@ fn a_lost_write_of_the_control_word_is_no_index() {
 }
 
 #[test]
-fn the_end_of_one_request_is_not_taken_for_the_end_of_the_next() {
+fn end_of_one_request_is_not_taken_for_the_end_of_the_next() {
     let mut hardware = Hardware::default();
     let mut encoder = encoder();
     encoder.read(hardware.sample());
@@ -221,7 +221,7 @@ fn the_end_of_one_request_is_not_taken_for_the_end_of_the_next() {
 }
 
 #[test]
-fn a_probe_latches_and_leaves_the_count_alone() {
+fn probe_latches_and_leaves_the_count_alone() {
     let mut hardware = Hardware::default();
     let mut encoder = encoder();
     encoder.read(hardware.sample());
@@ -268,7 +268,7 @@ fn armed() -> (EncoderState, Hardware) {
 }
 
 #[test]
-fn a_late_write_without_the_request_is_no_index_and_the_request_is_made_again() {
+fn late_write_without_request_is_no_index_and_request_repeats() {
     let (mut encoder, mut hardware) = armed();
     assert!(!encoder.latch.is_unsettled());
     hardware.control = 0x1808;
@@ -284,7 +284,7 @@ fn a_late_write_without_the_request_is_no_index_and_the_request_is_made_again() 
 }
 
 #[test]
-fn a_late_write_of_a_probe_request_is_no_index() {
+fn late_write_of_a_probe_request_is_no_index() {
     for control in [0x3848, 0x3848 | 15 << 16, 0x1868, 0x1878, 0x1818] {
         let (mut encoder, mut hardware) = armed();
         hardware.control = control;
@@ -299,7 +299,7 @@ fn a_late_write_of_a_probe_request_is_no_index() {
 }
 
 #[test]
-fn a_latch_that_was_armed_again_after_it_was_taken_is_taken() {
+fn latch_that_was_armed_again_after_it_was_taken_is_taken() {
     let (mut encoder, mut hardware) = armed();
     hardware.control = 0x1858 | 15 << 16;
     let reading = encoder.read(hardware.step(10, 1_000));
@@ -308,7 +308,7 @@ fn a_latch_that_was_armed_again_after_it_was_taken_is_taken() {
 }
 
 #[test]
-fn in_a_disturbed_exchange_the_end_of_the_request_before_is_not_taken_for_this_one() {
+fn end_of_an_old_request_is_not_taken_in_a_disturbed_exchange() {
     for (disturbed, ended) in [(false, true), (true, false)] {
         let (mut encoder, mut hardware) = armed();
         hardware.control = 0x1848 | 15 << 16;
@@ -326,7 +326,7 @@ fn in_a_disturbed_exchange_the_end_of_the_request_before_is_not_taken_for_this_o
 }
 
 #[test]
-fn while_a_packet_of_the_set_up_may_come_again_a_doubt_leaves_muxed_counts_unsure() {
+fn doubt_makes_muxed_counts_unsure_while_set_up_may_be_repeated() {
     // The index is in the doubtful exchange, in the next one, or later.
     for (later, is_unsure) in [(0, true), (1, true), (2, false), (3, false)] {
         let (mut encoder, mut hardware) = armed();
@@ -360,7 +360,7 @@ proptest! {
     /// An encoder that skips reads without news gives the same readings as one that evaluates every
     /// read.
     #[test]
-    fn a_read_that_is_passed_over_would_have_changed_nothing(
+    fn read_that_is_passed_over_would_have_changed_nothing(
         steps in prop::collection::vec(
             (
                 prop_oneof![6 => Just(0), 1 => -40i64..=40],
@@ -416,7 +416,7 @@ proptest! {
 }
 
 #[test]
-fn a_reset_that_is_held_while_an_encoder_stands_still_takes_what_is_unsure_back() {
+fn reset_held_at_standstill_clears_the_unsure_state() {
     let (mut hardware, mut encoder) = (Hardware::default(), encoder());
     encoder.set_rates(rates(6e6));
     // Until no packet of the set-up is in flight.
@@ -439,7 +439,7 @@ fn a_reset_that_is_held_while_an_encoder_stands_still_takes_what_is_unsure_back(
 }
 
 #[test]
-fn an_encoder_that_stands_still_is_passed_over() {
+fn encoder_that_stands_still_is_passed_over() {
     let (mut hardware, mut encoder) = (Hardware::default(), encoder());
     encoder.set_rates(rates(6e6));
     for _ in 0..1_000 {
@@ -464,7 +464,7 @@ fn an_encoder_that_stands_still_is_passed_over() {
 }
 
 #[test]
-fn an_error_that_nobody_watches_is_cleared_in_the_board_when_it_shows() {
+fn unwatched_error_is_cleared_in_the_board_when_it_appears() {
     let (mut hardware, mut encoder) = (Hardware::default(), encoder());
     let _ = encoder.read(hardware.step(0, 1_000));
     assert_eq!(encoder.control() & bits::QUADRATURE_ERROR, 0);
@@ -479,7 +479,7 @@ fn an_error_that_nobody_watches_is_cleared_in_the_board_when_it_shows() {
 }
 
 #[test]
-fn an_encoder_that_seems_to_stop_at_the_greatest_rate_is_unsure_and_one_that_brakes_is_not() {
+fn stop_at_the_greatest_rate_is_unsure_and_braking_is_not() {
     // The highest rate with 6 million samples per second and the long filter is 800 counts per
     // millisecond.
     let run = |changes: &[i64]| {
@@ -503,7 +503,7 @@ fn an_encoder_that_seems_to_stop_at_the_greatest_rate_is_unsure_and_one_that_bra
 }
 
 #[test]
-fn an_index_in_a_gap_that_could_hide_a_wrap_around_is_not_taken_and_the_request_is_made_again() {
+fn index_in_a_gap_with_possible_wrap_around_is_requested_again() {
     let (mut encoder, mut hardware) = armed();
     encoder.set_rates(rates(1e6));
     encoder.read(hardware.step(1_000, 1_000));
@@ -529,7 +529,7 @@ fn an_index_in_a_gap_that_could_hide_a_wrap_around_is_not_taken_and_the_request_
 }
 
 #[test]
-fn an_index_in_a_slow_cycle_is_taken() {
+fn index_in_a_slow_cycle_is_taken() {
     let (mut encoder, mut hardware) = armed();
     encoder.set_rates(rates(1e6));
     for _ in 0..20 {

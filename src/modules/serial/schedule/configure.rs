@@ -21,8 +21,8 @@ impl Schedule {
         self.requests.push(write);
     }
 
-    /// Keeps a write that was begun and has not succeeded for the next time, unless the parameter has
-    /// been requested anew since.
+    /// Keeps a write that was begun and has not succeeded for the next time, unless the parameter
+    /// has been requested anew since.
     pub(super) fn request_again(&mut self, write: ParameterWrite) {
         if !self.requests.iter().any(|other| is_same(other, &write)) {
             self.request(write);
@@ -35,9 +35,9 @@ impl Schedule {
         self.run = run;
     }
 
-    /// Begins the setup of those of these channels that have parameters to write: their setup START;
-    /// `None` if there are none. While other remotes transfer, which setup mode would stop, they wait
-    /// for a restart of the whole port.
+    /// Begins the setup of those of these channels that have parameters to write: their setup
+    /// START; `None` if there are none. While other remotes transfer, which setup mode would stop,
+    /// they wait for a restart of the whole port.
     pub(super) fn begin_setup(
         &mut self,
         remotes: &Remotes,
@@ -98,8 +98,9 @@ impl Schedule {
         Some(PortOperation::Stop(all))
     }
 
-    /// Handles the end of a write. A value that the remote does not keep is reported now, an unknown
-    /// one with all that were not written; those are tried again at the next restart of the port.
+    /// Handles the end of a write. A value that the remote does not keep is reported now, an
+    /// unknown one with all that were not written; those are tried again at the next restart of the
+    /// port.
     pub(super) fn parameter_ended(
         &mut self,
         remotes: &Remotes,

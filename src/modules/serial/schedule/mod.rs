@@ -54,7 +54,8 @@ enum Restart {
 
 /// Progress of the last transfer, with safe values, of a port that is switched off.
 ///
-/// A STOP after a transfer that was lost would leave outputs on until the remote's own watchdog bites.
+/// A STOP after a transfer that was lost would leave outputs on until the remote's own watchdog
+/// bites.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum LastTransfer {
     #[default]

@@ -19,7 +19,8 @@ fn limits(speed: f64, acceleration: f64) -> ControlLimits {
 struct Ideal {
     law: ControlLaw,
     position: f64,
-    /// The distance in which the present move is still made after the read, as a part of the period.
+    /// The distance in which the present move is still made after the read, as a part of the
+    /// period.
     delay: f64,
 }
 
@@ -105,7 +106,7 @@ fn follow(path: &[f64], limits: &ControlLimits, delay: f64) -> (f64, f64) {
 }
 
 #[test]
-fn a_step_of_one_unit_takes_one_hundredth_more_than_the_shortest_possible_time() {
+fn one_unit_step_takes_at_most_1_percent_over_the_shortest_time() {
     for (size, shortest) in [(1.0, 0.2), (-1.0, 0.2), (100.0, 10.1), (0.25, 0.1)] {
         let mut ideal = Ideal::default();
         let limits = limits(SPEED, ACCELERATION);
@@ -117,7 +118,7 @@ fn a_step_of_one_unit_takes_one_hundredth_more_than_the_shortest_possible_time()
 }
 
 #[test]
-fn a_step_of_a_thousandth_takes_six_periods() {
+fn step_of_a_thousandth_takes_six_periods() {
     let mut ideal = Ideal::default();
     let (periods, overshoot) = ideal.arrive(&limits(SPEED, ACCELERATION), 0.001, 1e-9);
     assert_eq!(periods, 6);
@@ -125,7 +126,7 @@ fn a_step_of_a_thousandth_takes_six_periods() {
 }
 
 #[test]
-fn a_trapezoid_within_the_limits_is_followed_exactly_one_period_late() {
+fn trapezoid_within_the_limits_is_followed_one_period_late() {
     for acceleration in [1.0, 50.0, 80.0, 99.0, 100.0] {
         for speed in [0.05, 3.0, 9.9] {
             let path = trapezoid(acceleration, speed, 0.3);
@@ -139,7 +140,7 @@ fn a_trapezoid_within_the_limits_is_followed_exactly_one_period_late() {
 
 /// LinuxCNC's rule overshoots by 0.019 and 0.041 there.
 #[test]
-fn a_command_that_is_too_fast_is_caught_up_with_and_not_overrun() {
+fn command_that_is_too_fast_is_caught_up_with_and_not_overrun() {
     let limits = limits(SPEED, ACCELERATION);
     let (_, fast) = follow(&trapezoid(80.0, 10.2, 0.5), &limits, 0.0);
     assert!(fast < 1e-9, "{fast}");
@@ -149,7 +150,7 @@ fn a_command_that_is_too_fast_is_caught_up_with_and_not_overrun() {
 }
 
 #[test]
-fn a_delay_of_up_to_half_a_period_between_read_and_write_makes_no_overshoot() {
+fn delay_of_up_to_half_a_period_causes_no_overshoot() {
     for delay in [0.05, 0.1, 0.3, 0.5] {
         for acceleration in [50.0, 80.0, 99.0, 100.0] {
             let path = trapezoid(acceleration, 5.0, 0.3);
@@ -161,7 +162,7 @@ fn a_delay_of_up_to_half_a_period_between_read_and_write_makes_no_overshoot() {
 }
 
 #[test]
-fn a_longer_delay_between_read_and_write_costs_no_more_than_itself() {
+fn longer_read_to_write_delay_adds_no_more_lag_than_itself() {
     for delay in [0.1, 0.3, 0.8] {
         let path = trapezoid(80.0, 5.0, 0.3);
         let (worst, overshoot) = follow(&path, &limits(SPEED, ACCELERATION), delay);
@@ -209,7 +210,7 @@ fn sampled(speeds: &[(f64, f64)], acceleration: f64, phase: f64) -> Vec<f64> {
 
 /// The generator averages what is read: in LinuxCNC this jitter takes the whole acceleration.
 #[test]
-fn jitter_of_the_read_at_speed_takes_a_small_part_of_the_acceleration() {
+fn read_jitter_at_speed_uses_little_of_the_acceleration() {
     let limits = limits(SPEED, ACCELERATION);
     let (mut ideal, mut command) = (Ideal::default(), 0.0);
     let mut worst = 0.0_f64;
@@ -230,7 +231,7 @@ fn jitter_of_the_read_at_speed_takes_a_small_part_of_the_acceleration() {
 }
 
 #[test]
-fn without_a_limit_of_acceleration_a_command_is_reached_at_the_highest_speed() {
+fn command_is_reached_at_full_speed_without_acceleration_limit() {
     let free = limits(SPEED, 0.0);
     for size in [1.0, -1.0, 0.001, 1e-7] {
         let mut ideal = Ideal::default();
@@ -243,7 +244,7 @@ fn without_a_limit_of_acceleration_a_command_is_reached_at_the_highest_speed() {
 }
 
 #[test]
-fn a_command_that_is_not_a_number_is_the_one_before() {
+fn command_that_is_not_a_number_is_the_one_before() {
     let limits = limits(SPEED, ACCELERATION);
     for strange in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         let mut ideal = Ideal::default();
@@ -264,7 +265,7 @@ fn a_command_that_is_not_a_number_is_the_one_before() {
 }
 
 #[test]
-fn a_speed_is_reached_along_the_acceleration_and_not_passed() {
+fn speed_is_reached_along_the_acceleration_and_not_passed() {
     let limits = limits(SPEED, ACCELERATION);
     let mut law = ControlLaw::default();
     for (speed, periods) in [(5.0, 50), (-50.0, 150), (0.0, 100)] {
@@ -278,7 +279,7 @@ fn a_speed_is_reached_along_the_acceleration_and_not_passed() {
 }
 
 #[test]
-fn a_write_that_failed_leaves_the_move_of_before() {
+fn write_that_failed_leaves_the_move_of_before() {
     let limits = limits(SPEED, ACCELERATION);
     let mut law = ControlLaw::default();
     for _ in 0..10 {
@@ -352,7 +353,7 @@ proptest! {
     }
 
     #[test]
-    fn the_mirrored_command_gives_the_mirrored_moves(
+    fn mirrored_command_gives_the_mirrored_moves(
         commands in prop::collection::vec(number(), 1..200), speed in 0.1f64..30.0,
         acceleration in prop_oneof![1 => Just(0.0), 6 => 0.1f64..3_000.0],
     ) {
@@ -364,11 +365,11 @@ proptest! {
         }
     }
 
-    /// Whatever the phase of its periods is: a command that brakes from a speed which it has had for
-    /// three periods is not overrun, but for the last period of the motion, and is followed within one
-    /// ramp if there is acceleration to spare.
+    /// Whatever the phase of its periods is: a command that brakes from a speed which it has had
+    /// for three periods is not overrun, but for the last period of the motion, and is followed
+    /// within one ramp if there is acceleration to spare.
     #[test]
-    fn a_command_of_continuous_time_is_not_overrun_with_a_delay_of_up_to_half_a_period(
+    fn continuous_command_is_not_overrun_at_half_a_period_of_delay(
         speeds in prop::collection::vec((0.2f64..9.0, 0.003f64..0.05), 1..4),
         acceleration in prop_oneof![1 => Just(100.0), 1 => 40.0f64..100.0],
         phase in 0.0f64..1.0, delay in 0.0f64..=0.5,
@@ -394,7 +395,7 @@ proptest! {
     /// A command with random accelerations up to that of the generator, which begins behind it: no
     /// stop of the command is overrun.
     #[test]
-    fn a_command_that_keeps_the_acceleration_is_not_overrun(
+    fn command_that_keeps_the_acceleration_is_not_overrun(
         parts in prop::collection::vec((-1.0f64..=1.0, 1usize..300), 1..6),
         behind in 0.0f64..0.5,
     ) {

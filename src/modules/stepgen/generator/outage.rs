@@ -36,8 +36,8 @@ impl Generator {
         self.counts.released(accumulator, expected);
     }
 
-    /// The movement of the motor from the last read on, until a bite released its pins. `is_ambiguous`:
-    /// the accumulator may have wrapped around since.
+    /// The movement of the motor from the last read on, until a bite released its pins.
+    /// `is_ambiguous`: the accumulator may have wrapped around since.
     fn until_released(
         &self,
         outage: &Outage,

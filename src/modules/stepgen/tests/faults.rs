@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn a_bite_stops_the_rate_before_the_directions_and_leaves_the_position_unsure() {
+fn bite_stops_rate_before_directions_and_position_is_unsure() {
     let mut machine = Machine::enabled(2);
     for _ in 0..60 {
         machine.cycle(100.0);
@@ -61,7 +61,7 @@ fn a_bite_stops_the_rate_before_the_directions_and_leaves_the_position_unsure() 
 }
 
 #[test]
-fn a_reset_of_the_board_sets_the_times_up_again_before_anything_moves() {
+fn step_times_are_restored_before_any_motion_after_board_reset() {
     let mut machine = Machine::enabled(2);
     for _ in 0..60 {
         machine.cycle(100.0);
@@ -114,7 +114,7 @@ fn homed_ends_unsure_at_its_rising_edge_alone() {
 }
 
 #[test]
-fn lost_writes_and_reads_make_no_more_steps_than_their_age_and_the_position_stays_true() {
+fn lost_exchanges_add_bounded_steps_and_position_stays_true() {
     let mut machine = Machine::enabled(2);
     machine
         .driver
@@ -146,7 +146,7 @@ fn lost_writes_and_reads_make_no_more_steps_than_their_age_and_the_position_stay
 }
 
 #[test]
-fn an_accumulator_that_does_not_follow_its_rate_stops_the_generator() {
+fn generator_stops_if_its_accumulator_does_not_follow_the_rate() {
     let mut machine = Machine::enabled(2);
     machine.model().is_frozen = true;
     for _ in 0..100 {
@@ -170,7 +170,7 @@ fn an_accumulator_that_does_not_follow_its_rate_stops_the_generator() {
 }
 
 #[test]
-fn without_the_phase_locked_loop_nothing_latches_the_positions() {
+fn positions_are_not_latched_without_a_dpll() {
     let settings = Settings {
         instances: [(Gtag::HM2DPLL, 0)].into(),
         ..Settings::default()
@@ -185,7 +185,7 @@ fn without_the_phase_locked_loop_nothing_latches_the_positions() {
 
 /// Executed again, the set-up would cut a pulse off.
 #[test]
-fn a_doubt_in_motion_soon_after_a_set_up_makes_the_position_unsure_and_later_it_does_not() {
+fn doubt_in_motion_makes_position_unsure_only_soon_after_set_up() {
     for (after, is_unsure) in [(30, true), (200, false)] {
         let mut machine = Machine::enabled(2);
         for _ in 0..after {
@@ -204,7 +204,7 @@ fn a_doubt_in_motion_soon_after_a_set_up_makes_the_position_unsure_and_later_it_
 }
 
 #[test]
-fn a_long_gap_at_a_high_rate_makes_the_position_unsure() {
+fn long_gap_at_a_high_rate_makes_the_position_unsure() {
     for (speed, is_unsure) in [(-190.0, true), (100.0, false)] {
         let settings = Settings {
             watchdog: Some(Duration::from_secs(1)),

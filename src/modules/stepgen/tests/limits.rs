@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn a_limit_is_reported_once_with_its_values() {
+fn limit_is_reported_once_with_its_values() {
     let mut machine = Machine::enabled(2);
     let pins = machine.pins;
     // 250 + 250 + 4 ticks.
@@ -46,7 +46,7 @@ fn a_limit_is_reported_once_with_its_values() {
 }
 
 #[test]
-fn the_highest_rate_is_that_of_the_gateware_and_near_it_is_shown() {
+fn highest_rate_is_that_of_the_gateware_and_near_it_is_shown() {
     let mut machine = Machine::enabled(2);
     let pins = machine.pins;
     machine.set_param(pins.maxvel, 0.0);
@@ -69,7 +69,7 @@ fn the_highest_rate_is_that_of_the_gateware_and_near_it_is_shown() {
 
 /// The limit of the speed is one of the parameters: nothing else makes it news.
 #[test]
-fn a_limit_is_not_reported_again_when_something_is_armed() {
+fn limit_is_not_reported_again_on_rearm() {
     let mut machine = Machine::enabled(2);
     machine.set_param(machine.pins.maxvel, 500.0);
     for _ in 0..5 {
@@ -92,7 +92,7 @@ fn a_limit_is_not_reported_again_when_something_is_armed() {
 
 /// Only the old times have a limit that is too low for both.
 #[test]
-fn a_limit_that_goes_with_the_old_pulses_is_not_reported() {
+fn limit_that_goes_with_the_old_pulses_is_not_reported() {
     let mut machine = Machine::enabled(2);
     for _ in 0..30 {
         machine.cycle(1.0);
@@ -108,7 +108,7 @@ fn a_limit_that_goes_with_the_old_pulses_is_not_reported() {
 }
 
 #[test]
-fn a_hold_for_which_the_pulse_leaves_no_room_is_reported_once() {
+fn hold_for_which_the_pulse_leaves_no_room_is_reported_once() {
     let mut machine = Machine::enabled(2);
     let pins = machine.pins;
     machine.set_param(pins.maxvel, 1.0);

@@ -43,7 +43,8 @@ impl Machine {
         self.driver.pins_mut().set(pin, on);
     }
 
-    /// Makes a change while the generator does not move, or in the cycle of whatever was set before.
+    /// Makes a change while the generator does not move, or in the cycle of whatever was set
+    /// before.
     fn change(&mut self, change: Change) {
         match change {
             Change::Nothing => self.idle(),
@@ -93,7 +94,7 @@ fn largest_change(steps: &[i64]) -> i64 {
 }
 
 #[test]
-fn nothing_moves_after_a_bite_without_a_new_command() {
+fn motor_does_not_move_after_a_bite_without_a_new_command() {
     for change in CHANGES {
         for is_before in [false, true] {
             let mut machine = Machine::enabled(WITH_LATCH);
@@ -123,7 +124,7 @@ fn nothing_moves_after_a_bite_without_a_new_command() {
 }
 
 #[test]
-fn nothing_moves_when_scale_rearm_and_enable_come_at_once() {
+fn motor_does_not_move_on_simultaneous_scale_rearm_and_enable() {
     for scale in [2_000.0, -1_000.0, 10.0] {
         let mut machine = Machine::enabled(2);
         machine.go(10.0);
@@ -149,7 +150,7 @@ fn nothing_moves_when_scale_rearm_and_enable_come_at_once() {
 }
 
 #[test]
-fn a_standing_command_keeps_its_place_without_a_fault() {
+fn standing_command_keeps_its_place_without_a_fault() {
     for change in CHANGES {
         for is_on in [false, true] {
             let mut machine = Machine::enabled(WITH_LATCH);
@@ -167,7 +168,7 @@ fn a_standing_command_keeps_its_place_without_a_fault() {
 }
 
 #[test]
-fn a_command_set_together_with_the_change_is_a_new_one() {
+fn command_set_together_with_the_change_is_a_new_one() {
     for (change, command) in [
         (Change::Reset, 2.0),
         (Change::Scale(2_000.0), 6.0),
@@ -186,7 +187,7 @@ fn a_command_set_together_with_the_change_is_a_new_one() {
 }
 
 #[test]
-fn a_position_reset_that_is_held_ends_the_motion() {
+fn position_reset_that_is_held_ends_the_motion() {
     let mut machine = Machine::enabled(2);
     for _ in 0..300 {
         machine.cycle(100.0);
@@ -207,7 +208,7 @@ fn a_position_reset_that_is_held_ends_the_motion() {
 
 /// 100 units/s^2 are 0.1 steps in a period and per period, with a scale of 1000.
 #[test]
-fn a_scale_changed_at_speed_changes_no_speed_at_once() {
+fn scale_changed_at_speed_changes_no_speed_at_once() {
     for by_speed in [true, false] {
         for scale in [2_000.0, 10_000.0, -1_000.0, 10.0] {
             let mut machine = Machine::enabled(2);
@@ -244,7 +245,7 @@ fn a_scale_changed_at_speed_changes_no_speed_at_once() {
 
 /// The acceleration of before brakes: 100 times less would take 10 s and 50000 steps.
 #[test]
-fn a_smaller_scale_at_speed_brakes_as_before() {
+fn smaller_scale_at_speed_brakes_as_before() {
     let mut machine = Machine::enabled(2);
     let pins = machine.pins;
     machine.set(pins.control_type, true);

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn a_position_arrives_and_the_motor_has_made_its_steps() {
+fn position_arrives_and_the_motor_has_made_its_steps() {
     for (version, end) in [(2, 1.0), (2, -1.0), (0, 0.001), (0x42, 20.0)] {
         let mut machine = Machine::enabled(version);
         machine.go(end);
@@ -50,7 +50,7 @@ fn disabled_is_a_rate_of_0_at_once_or_along_the_acceleration() {
 }
 
 #[test]
-fn a_speed_is_kept_and_the_position_counts() {
+fn speed_is_kept_and_the_position_counts() {
     let mut machine = Machine::enabled(2);
     let pins = machine.pins;
     machine.driver.pins_mut().set(pins.control_type, true);
@@ -74,7 +74,7 @@ fn a_speed_is_kept_and_the_position_counts() {
 }
 
 #[test]
-fn a_command_that_is_no_number_is_the_one_before_and_counted() {
+fn command_that_is_no_number_is_the_one_before_and_counted() {
     let mut machine = Machine::enabled(2);
     machine.go(2.0);
     let before = machine.driver.pins().total_rejections().not_finite;
@@ -86,7 +86,7 @@ fn a_command_that_is_no_number_is_the_one_before_and_counted() {
 }
 
 #[test]
-fn the_position_goes_on_beyond_the_accumulator() {
+fn position_goes_on_beyond_the_accumulator() {
     let mut machine = Machine::enabled(2);
     let pins = machine.pins;
     machine.set_param(pins.position_scale, 10.0);
@@ -105,7 +105,7 @@ fn the_position_goes_on_beyond_the_accumulator() {
 
 /// From 2.7 ms on, the slowest rate makes more than four sub-counts in a period.
 #[test]
-fn a_generator_steps_with_periods_of_50_us_to_50_ms() {
+fn generator_steps_with_periods_of_50_us_to_50_ms() {
     for micros in [50, 1_000, 2_600, 2_700, 3_000, 12_000, 50_000] {
         let settings = Settings {
             period: Duration::from_micros(micros),
@@ -140,7 +140,7 @@ fn a_generator_steps_with_periods_of_50_us_to_50_ms() {
 
 /// With 50 ms the accumulator of a faster one could wrap around between two reads.
 #[test]
-fn a_rate_is_limited_to_what_the_period_can_count() {
+fn rate_is_limited_to_what_the_period_can_count() {
     let settings = Settings {
         period: Duration::from_millis(50),
         ..Settings::default()
@@ -170,7 +170,7 @@ fn a_rate_is_limited_to_what_the_period_can_count() {
 
 /// A command between two values of the accumulator, in a cycle in which one of them is a rate.
 #[test]
-fn a_generator_that_has_arrived_stands_still() {
+fn generator_that_has_arrived_stands_still() {
     const PERIOD: u64 = 250_000;
     let settings = Settings {
         period: Duration::from_nanos(PERIOD),
@@ -200,7 +200,7 @@ fn a_generator_that_has_arrived_stands_still() {
 }
 
 #[test]
-fn the_time_from_the_sample_to_the_write_includes_the_lead_of_a_timer() {
+fn sample_to_write_time_includes_the_timer_lead() {
     let mut machine = Machine::enabled(2);
     let pins = machine.driver.pins();
     let number = pins.output::<i32>("hm2_7i92.0.stepgen.timer-number");
@@ -230,7 +230,7 @@ fn the_time_from_the_sample_to_the_write_includes_the_lead_of_a_timer() {
 
 /// A probe has no second edge.
 #[test]
-fn an_edge_in_the_period_of_a_lost_write_is_latched() {
+fn edge_in_the_period_of_a_lost_write_is_latched() {
     let mut machine = Machine::enabled(WITH_LATCH);
     let pins = machine.pins;
     let probe = pins.probe_enable.unwrap();
@@ -262,7 +262,7 @@ fn an_edge_in_the_period_of_a_lost_write_is_latched() {
 }
 
 #[test]
-fn an_index_makes_the_position_0_where_it_was_and_a_probe_only_latches() {
+fn index_sets_position_to_0_at_its_place_and_probe_only_latches() {
     let mut machine = Machine::enabled(WITH_LATCH);
     let pins = machine.pins;
     let (index, probe) = (pins.index_enable.unwrap(), pins.probe_enable.unwrap());

@@ -39,7 +39,7 @@ fn names_types_and_fresh_values_are_those_of_linuxcnc() {
 }
 
 #[test]
-fn the_set_up_ends_with_the_master_rate_and_the_directions() {
+fn set_up_ends_with_the_master_rate_and_the_directions() {
     let mut machine = machine(2);
     machine.assert_right();
     assert_eq!(machine.model().master, u32::MAX);
@@ -58,7 +58,7 @@ fn the_set_up_ends_with_the_master_rate_and_the_directions() {
 }
 
 #[test]
-fn nothing_moves_before_a_read_has_confirmed_the_times() {
+fn motor_does_not_move_before_a_read_confirms_the_times() {
     let mut machine = machine(2);
     machine.enable(true);
     let _ = machine.driver.read();
@@ -118,7 +118,7 @@ fn mode_swap_and_times_change_at_rest_only() {
 }
 
 #[test]
-fn a_table_is_written_whole_and_its_length_exchanges_no_outputs() {
+fn table_is_written_whole_and_its_length_exchanges_no_outputs() {
     let settings = Settings {
         stepgen_width: 4,
         ..Settings::default()
@@ -172,7 +172,7 @@ fn a_table_is_written_whole_and_its_length_exchanges_no_outputs() {
 }
 
 #[test]
-fn a_table_is_refused_where_there_are_no_pins_for_one() {
+fn table_is_refused_where_there_are_no_pins_for_one() {
     let settings = Settings {
         instances: [(Gtag::STEPGEN, 2)].into(),
         ..Settings::default()
@@ -237,13 +237,13 @@ fn unknown_versions_are_named_and_old_ones_are_remarked() {
 }
 
 #[test]
-fn the_source_of_the_latch_is_off_or_a_timer() {
+fn source_of_the_latch_is_off_or_a_timer() {
     let words = [-1, 0, 1, 4, 5, -2].map(latch_timer);
     assert_eq!(words, [0, 0x8000, 0x9000, 0xC000, 0x8000, 0x8000]);
 }
 
 #[test]
-fn fewer_generators_than_there_are_leave_their_pins_to_the_application() {
+fn unused_generators_leave_their_pins_to_the_application() {
     let settings = Settings {
         instances: [(Gtag::STEPGEN, 1)].into(),
         ..Settings::default()

@@ -66,7 +66,7 @@ fn pair() -> (Ledger, Board) {
 }
 
 #[test]
-fn where_all_goes_well_nothing_is_asked_and_nothing_said() {
+fn no_request_for_details_and_no_doubt_without_a_loss() {
     let (mut ledger, mut board) = pair();
     for _ in 0..200_000 {
         board.write(ledger.open_write(WriteEvidence::Alone));
@@ -77,7 +77,7 @@ fn where_all_goes_well_nothing_is_asked_and_nothing_said() {
 }
 
 #[test]
-fn a_cycle_acknowledges_its_own_write_and_leaves_nothing_for_other_requests_to_doubt() {
+fn cycle_acknowledges_its_own_write_and_leaves_no_open_doubt() {
     let (mut ledger, mut board) = pair();
     for _ in 0..3 * REMEMBERED {
         assert_eq!(board.cycle(&mut ledger), WriteReport::default());
@@ -93,7 +93,7 @@ fn a_cycle_acknowledges_its_own_write_and_leaves_nothing_for_other_requests_to_d
 }
 
 #[test]
-fn a_cycle_that_is_lost_is_said_by_the_next_and_found_when_it_comes_late() {
+fn lost_cycle_is_reported_by_the_next_and_found_if_late() {
     let (mut ledger, mut board) = pair();
     for _ in 0..SLOTS {
         assert_eq!(board.cycle(&mut ledger), WriteReport::default());
@@ -123,7 +123,7 @@ fn a_cycle_that_is_lost_is_said_by_the_next_and_found_when_it_comes_late() {
 }
 
 #[test]
-fn a_doubt_of_long_ago_does_not_come_back_when_the_numbers_have_gone_half_round() {
+fn old_doubt_does_not_return_after_half_a_wrap_of_the_numbers() {
     let (mut ledger, mut board) = pair();
     assert_eq!(board.cycle(&mut ledger), WriteReport::default());
     board.received += 1;
@@ -142,7 +142,7 @@ fn a_doubt_of_long_ago_does_not_come_back_when_the_numbers_have_gone_half_round(
 }
 
 #[test]
-fn a_lost_write_is_said_once_and_found_when_it_comes_late() {
+fn lost_write_is_reported_once_and_found_if_late() {
     let (mut ledger, mut board) = pair();
     let lost = ledger.open_write(WriteEvidence::Alone);
     let said = WriteReport { lost: 1, ..DOUBT };
@@ -168,7 +168,7 @@ fn a_lost_write_is_said_once_and_found_when_it_comes_late() {
 }
 
 #[test]
-fn a_write_that_follows_a_request_is_no_matter_of_its_reply() {
+fn write_that_follows_a_request_is_no_matter_of_its_reply() {
     let (mut ledger, mut board) = pair();
     board.write(ledger.open_write(WriteEvidence::Alone));
     let asked = ledger.open_request();
@@ -188,7 +188,7 @@ fn a_write_that_follows_a_request_is_no_matter_of_its_reply() {
 }
 
 #[test]
-fn a_write_behind_a_newer_one_is_in_doubt_until_the_next() {
+fn write_behind_a_newer_one_is_in_doubt_until_the_next() {
     let (mut ledger, mut board) = pair();
     let [first, second] = [(); 2].map(|()| ledger.open_write(WriteEvidence::Alone));
     board.write(second);
@@ -201,7 +201,7 @@ fn a_write_behind_a_newer_one_is_in_doubt_until_the_next() {
 }
 
 #[test]
-fn a_duplicate_write_is_in_doubt_at_once_and_counted_with_the_details() {
+fn duplicate_write_is_doubted_at_once_and_counted_with_details() {
     let (mut ledger, mut board) = pair();
     let write = ledger.open_write(WriteEvidence::Alone);
     board.write(write);
@@ -214,7 +214,7 @@ fn a_duplicate_write_is_in_doubt_at_once_and_counted_with_the_details() {
 }
 
 #[test]
-fn somebody_elses_packets_are_in_doubt_however_much_is_asked_and_count_as_nothing() {
+fn foreign_packets_are_doubted_at_any_request_and_never_counted() {
     let (mut ledger, mut board) = pair();
     for _ in 0..3 {
         board.write(ledger.open_write(WriteEvidence::Alone));
@@ -229,7 +229,7 @@ fn somebody_elses_packets_are_in_doubt_however_much_is_asked_and_count_as_nothin
 }
 
 #[test]
-fn after_a_packet_whose_effect_is_not_known_nothing_is_certain_once() {
+fn packet_of_unknown_effect_causes_one_doubtful_reply() {
     let (mut ledger, mut board) = pair();
     board.write(ledger.open_write(WriteEvidence::Alone));
     ledger.lose_count();
@@ -239,7 +239,7 @@ fn after_a_packet_whose_effect_is_not_known_nothing_is_certain_once() {
 }
 
 #[test]
-fn a_number_that_the_board_has_from_long_ago_is_not_taken_for_a_new_one_unnoticed() {
+fn old_board_number_never_passes_for_a_new_one_without_doubt() {
     let (mut ledger, mut board) = pair();
     // Every write is lost, until the numbers wrap to the one that the board holds.
     for n in 1..0x2_0000_u32 {
@@ -250,7 +250,7 @@ fn a_number_that_the_board_has_from_long_ago_is_not_taken_for_a_new_one_unnotice
 }
 
 #[test]
-fn the_last_number_of_long_ago_is_not_taken_for_that_of_a_cycle() {
+fn last_number_of_long_ago_is_not_taken_for_that_of_a_cycle() {
     let (mut ledger, mut board) = pair();
     for n in 0..0x1_0100 {
         assert_eq!(board.cycle(&mut ledger), WriteReport::default(), "{n}");
@@ -266,7 +266,7 @@ fn the_last_number_of_long_ago_is_not_taken_for_that_of_a_cycle() {
 }
 
 #[test]
-fn after_a_reset_the_counts_begin_again_and_what_was_under_way_is_lost() {
+fn counts_restart_and_open_writes_are_lost_after_a_reset() {
     let (mut ledger, _) = pair();
     ledger.open_write(WriteEvidence::Alone);
     let mut board = Board::default();
@@ -281,7 +281,7 @@ fn after_a_reset_the_counts_begin_again_and_what_was_under_way_is_lost() {
 }
 
 #[test]
-fn counts_that_stand_still_are_not_believed_and_losses_are_told_without_them() {
+fn frozen_counts_are_ignored_and_losses_still_reported() {
     let (mut ledger, mut board) = pair();
     for n in 0..20 {
         let write = ledger.open_write(WriteEvidence::Alone);
@@ -312,7 +312,7 @@ fn more_writes_than_are_remembered_are_unconfirmed_and_not_lost() {
 
 proptest! {
     #[test]
-    fn whatever_a_board_says_nothing_is_counted_that_was_not_sent(
+    fn no_unsent_write_is_counted_for_any_account_of_the_board(
         steps in prop::collection::vec(
             (0..4_u32, any::<Option<u16>>(), any::<u16>(), prop::option::of(any::<[u16; SLOTS + 1]>())),
             0..80,

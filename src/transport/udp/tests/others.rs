@@ -64,7 +64,7 @@ fn dice(seed: u32, count: u32) -> Vec<u32> {
 }
 
 #[test]
-fn somebody_who_begins_later_is_told_by_the_replies_of_the_cycle() {
+fn second_master_that_starts_later_is_reported_by_cycle_replies() {
     // A cycle of 1 kHz, and one of 100 Hz that writes and reads.
     for every in [500_000, 5_000_000] {
         let mut bus = bus();
@@ -85,7 +85,7 @@ fn somebody_who_begins_later_is_told_by_the_replies_of_the_cycle() {
 }
 
 #[test]
-fn somebody_who_looks_at_the_board_is_not_told() {
+fn query_burst_of_another_program_is_not_reported() {
     let mut bus = bus();
     for _ in 0..4 {
         bus.link().received += 1000;
@@ -95,7 +95,7 @@ fn somebody_who_looks_at_the_board_is_not_told() {
 }
 
 #[test]
-fn who_asked_to_be_beside_others_is_told_nothing() {
+fn no_second_master_is_reported_with_beside_others() {
     let config = UdpConfig {
         beside_others: true,
         ..UdpConfig::default()
@@ -108,7 +108,7 @@ fn who_asked_to_be_beside_others_is_told_nothing() {
 }
 
 #[test]
-fn a_look_at_a_board_changes_nothing_there_but_the_number_of_a_request() {
+fn check_free_changes_only_the_request_number_of_a_board() {
     let mut network = Network::default();
     UdpBus::check_free(&mut network, UdpConfig::default()).unwrap();
     let changed: Vec<_> = network.scratch.keys().copied().collect();
@@ -122,7 +122,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
     #[test]
-    fn whatever_the_network_does_nobody_is_told_who_is_not_there(
+    fn no_second_master_is_reported_on_a_bad_network(
         seed in any::<u32>(), received in any::<u16>(),
         lost in 0..4_u32, late in 0..6_u32, doubled in 0..=16_u32,
     ) {
@@ -136,7 +136,7 @@ proptest! {
     }
 
     #[test]
-    fn a_master_is_told_also_on_a_network_that_loses_some_packets(
+    fn second_master_is_reported_despite_lost_packets(
         seed in any::<u32>(), received in any::<u16>(), lost in 0..2_u32, late in 0..4_u32,
     ) {
         let mut bus = bus();

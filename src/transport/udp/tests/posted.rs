@@ -18,7 +18,7 @@ fn paced(held: Duration) -> (UdpBus<Network>, AccessList) {
 }
 
 #[test]
-fn a_list_writes_the_words_it_is_started_with_and_what_comes_after_a_hold_is_read_after_it() {
+fn list_writes_its_start_words_and_reads_follow_the_hold() {
     let mut bus = bus();
     bus.link().held = 300_000;
     let accesses = [Access::write(0x2000, 2, 1), READ];
@@ -42,7 +42,7 @@ fn a_list_writes_the_words_it_is_started_with_and_what_comes_after_a_hold_is_rea
 }
 
 #[test]
-fn a_request_in_flight_that_nobody_takes_counts_as_lost_until_its_reply_comes() {
+fn unclaimed_request_counts_as_lost_until_its_reply_arrives() {
     let (mut bus, list) = paced(MS / 2);
     let cycle = Cycle::new(&mut bus);
     let mut words = [0; 3];
@@ -63,7 +63,7 @@ fn a_request_in_flight_that_nobody_takes_counts_as_lost_until_its_reply_comes() 
 }
 
 #[test]
-fn what_the_board_waits_does_not_make_a_reply_late_and_what_it_does_not_wait_does() {
+fn reply_is_late_except_for_the_time_the_board_waited() {
     let (mut bus, list) = paced(MS);
     let mut words = [0; 2];
     bus.link().replies = vec![Fate::Arrives(700_000)];
@@ -86,7 +86,7 @@ fn what_the_board_waits_does_not_make_a_reply_late_and_what_it_does_not_wait_doe
 }
 
 #[test]
-fn the_board_is_not_asked_to_wait_longer_than_it_can() {
+fn board_is_not_asked_to_wait_longer_than_it_can() {
     let mut bus = bus();
     let longest = Duration::from_micros(65_535);
     assert!(bus.prepare(&[READ], Some(hold(longest))).is_ok());
@@ -96,7 +96,7 @@ fn the_board_is_not_asked_to_wait_longer_than_it_can() {
 }
 
 #[test]
-fn a_refusal_that_comes_with_another_packet_is_said_and_nothing_is_counted_twice() {
+fn refusal_on_another_packet_is_reported_and_counted_once() {
     let mut bus = bus();
     let cycle = Cycle::new(&mut bus);
     let mut words = [0, 0, 5];
@@ -113,7 +113,7 @@ fn a_refusal_that_comes_with_another_packet_is_said_and_nothing_is_counted_twice
 }
 
 #[test]
-fn a_reply_is_taken_only_by_the_list_that_was_started() {
+fn reply_is_taken_only_by_the_list_that_was_started() {
     let mut bus = bus();
     let cycle = Cycle::new(&mut bus);
     let other = bus.prepare(&[READ], None).unwrap();

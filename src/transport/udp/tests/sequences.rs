@@ -229,7 +229,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 
     #[test]
-    fn in_whatever_order_the_bus_is_used_words_are_their_requests_and_doubts_are_said(
+    fn words_match_requests_and_doubts_are_reported_in_any_order(
         steps in prop::collection::vec(step(), 1..60),
         requests in fates(),
         replies in prop::collection::vec(prop_oneof![3 => Just(GOOD), 1 => fate()], 0..60),

@@ -10,7 +10,7 @@ use super::*;
 use crate::common::watch::Watch;
 
 #[test]
-fn no_drive_sees_a_voltage_or_an_enable_while_the_board_is_set_up() {
+fn no_drive_has_a_voltage_or_enable_during_set_up() {
     // Left by a program at 9.5 V and enabled; its watchdog has bitten.
     let mut used = machines::i7i97(1);
     used.write_register(0x4300, 64_425);
@@ -62,7 +62,7 @@ const WITHOUT_OFFSET: BoardTable = BoardTable {
 type Change = fn(&mut Driver<SimFpga>);
 
 #[test]
-fn no_drive_sees_a_voltage_while_a_board_is_set_up_again_whatever_its_generators_were_set_to() {
+fn no_drive_has_a_voltage_while_any_pwm_set_up_is_restored() {
     let offset: Change = |driver| set_all(driver, "offset-mode", true);
     let other_width: Change = |driver| set_hz(driver, "pwm_frequency", 96_000);
     let pdm: Change = |driver| {
@@ -131,7 +131,7 @@ fn no_drive_sees_a_voltage_while_a_board_is_set_up_again_whatever_its_generators
 }
 
 #[test]
-fn analog_outputs_have_12_bits_of_volts_and_no_value_turns_round() {
+fn analog_outputs_have_12_bits_of_volts_and_never_wrap() {
     let mut machine = board();
     let card = machine.cards;
     for output in card.analog_out {
@@ -200,7 +200,7 @@ fn enables_0_to_3_switch_together_and_4_and_5_alone() {
 }
 
 #[test]
-fn a_disabled_axis_has_0_volts_and_no_other_has_and_its_value_comes_back() {
+fn disabled_axis_alone_has_0_volts_and_its_value_returns() {
     for full_scale in [true, false] {
         let mut machine = board();
         let card = machine.cards;
@@ -236,7 +236,7 @@ fn a_disabled_axis_has_0_volts_and_no_other_has_and_its_value_comes_back() {
 }
 
 #[test]
-fn the_pdm_frequency_is_the_rate_of_its_steps() {
+fn pdm_frequency_is_the_rate_of_its_steps() {
     let mut machine = board();
     let card = machine.cards;
     let [output, ..] = card.analog_out;
@@ -262,7 +262,7 @@ fn the_pdm_frequency_is_the_rate_of_its_steps() {
 }
 
 #[test]
-fn the_pwm_frequency_is_what_the_manual_says_and_can_be_changed() {
+fn pwm_frequency_matches_the_manual_and_can_be_changed() {
     let mut machine = board();
     let hz = |machine: &mut Machine<SimFpga>| {
         let fpga = machine.fpga();
@@ -316,7 +316,7 @@ fn high_part(fpga: &mut SimFpga, pin: usize) -> f64 {
 }
 
 #[test]
-fn generators_on_expansion_pins_are_off_and_plain_until_configured() {
+fn expansion_pin_generators_are_off_and_plain_until_configured() {
     let mut driver = Driver::start(with_spindles(), Settings::default()).expect("a 7I97");
     let pins = driver.pins();
     let param = |n: u8, name: &str| {
@@ -349,7 +349,7 @@ fn generators_on_expansion_pins_are_off_and_plain_until_configured() {
 }
 
 #[test]
-fn a_generator_begins_as_the_settings_say_and_one_that_is_not_there_is_refused() {
+fn generator_starts_with_its_settings_and_absent_one_is_refused() {
     let config = |output_type, offset_mode, scale| PwmConfig {
         output_type: Some(output_type),
         offset_mode: Some(offset_mode),
@@ -385,7 +385,7 @@ fn a_generator_begins_as_the_settings_say_and_one_that_is_not_there_is_refused()
 }
 
 #[test]
-fn a_frequency_that_the_clock_does_not_allow_is_refused_and_a_7i97t_has_its_own() {
+fn pwm_frequency_beyond_the_clock_is_refused_and_7i97t_has_own() {
     for hz in [0, 390_620, 4_000_000_000] {
         let settings = Settings {
             pwm_hz: Some(hz),

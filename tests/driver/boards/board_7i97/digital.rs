@@ -62,7 +62,7 @@ fn inputs_become_valid_only_as_they_become_true<B: World>(
 }
 
 #[test]
-fn inputs_are_not_valid_before_they_were_scanned_and_filtered_again() {
+fn inputs_are_not_valid_until_scanned_and_filtered_again() {
     let terminals = core::array::from_fn(|n| n % 3 == 0);
     for mut fpga in both_firmwares() {
         for (n, on) in terminals.into_iter().enumerate() {
@@ -126,7 +126,7 @@ fn turn_mpg(machine: &mut Machine<SimFpga>, k: usize, cycles: i32) {
 
 /// FACTS 12.9: B leading A counts up, so that 1X counts rising edges of A up and falling ones down.
 #[test]
-fn mpgs_count_beyond_their_8_bits_at_1x_and_4x_up_when_b_leads_and_can_be_reset() {
+fn mpgs_count_beyond_8_bits_at_1x_and_4x_and_can_be_reset() {
     for mut machine in both_firmwares().map(started) {
         let inputs = inputs(&machine);
         let count = |machine: &Machine<SimFpga>, k: usize| {
@@ -255,7 +255,7 @@ fn expansion_pins_are_inputs_or_outputs_as_configured() {
 }
 
 #[test]
-fn a_pin_that_a_module_uses_is_no_plain_io() {
+fn pin_that_a_module_uses_is_no_plain_io() {
     let error = start(machines::i7i97(1), |s| {
         s.gpio = vec![(19, GpioConfig::default())];
     })

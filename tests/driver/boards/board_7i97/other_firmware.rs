@@ -43,7 +43,7 @@ fn inm_and_outm_have_the_pins_and_terminals_of_inmux_and_ssr() {
 }
 
 #[test]
-fn outm_beside_ssr_has_the_numbers_of_its_pins_and_no_terminals_of_the_board() {
+fn outm_beside_ssr_has_its_pin_numbers_and_no_board_terminals() {
     let mut firmware = machines::firmware_7i97(1);
     let out_m = SimModuleDescriptor {
         gtag: gtag::OUT_M,

@@ -88,7 +88,7 @@ impl Network {
 }
 
 #[test]
-fn the_events_of_a_bad_network_are_what_happened_in_its_order() {
+fn events_of_a_bad_network_are_what_happened_in_its_order() {
     all_is_as_written("network.txt", |place| place == FaultPlace::Network, tell);
 }
 
@@ -151,7 +151,7 @@ fn tell(kind: FaultKind) -> Vec<EventKind> {
 }
 
 #[test]
-fn periods_that_a_late_host_misses_are_events_where_the_board_paces() {
+fn periods_missed_by_a_late_host_are_events_if_board_paces() {
     let fpga = machines::six_axes_7i97(Motor::default());
     let mut driver = start(ethernet::bus(fpga), |s| s.pace = Pace::Board).expect("a 7I97");
     let mut events = driver.events();

@@ -14,7 +14,7 @@ use crate::common::chance::Chance;
 use crate::common::ethernet::{good, volts};
 
 #[test]
-fn a_shutdown_switches_the_remotes_off_itself_wherever_in_the_cycle() {
+fn shutdown_switches_remotes_off_at_any_point_of_the_cycle() {
     for (late, written) in [(100, false), (100, true), (950, false), (950, true)] {
         let mut driver = machine(Pace::Board);
         let analog: I7i77Analog = driver.attach((0, 1)).expect("analog");
@@ -43,7 +43,7 @@ fn a_shutdown_switches_the_remotes_off_itself_wherever_in_the_cycle() {
 }
 
 #[test]
-fn a_clock_of_another_frequency_is_in_every_report_and_the_loop_does_not_run_away() {
+fn clock_of_other_frequency_is_in_every_report_without_runaway() {
     let mut driver = machine(Pace::Board);
     let dpll = driver
         .modules::<Dpll>()
@@ -138,7 +138,7 @@ fn disturb(driver: &mut Machine, chance: &mut Chance) {
 }
 
 #[test]
-fn whatever_happens_at_whatever_point_no_input_is_older_than_it_says_and_no_loop_spins() {
+fn no_input_is_older_than_its_age_and_no_loop_spins_on_a_fault() {
     for seed in 1..=6 {
         let mut driver = machine(Pace::Board);
         let mut chance = Chance(seed);
@@ -202,7 +202,7 @@ fn whatever_happens_at_whatever_point_no_input_is_older_than_it_says_and_no_loop
 }
 
 #[test]
-fn a_loop_without_a_board_takes_its_time_whatever_is_called_in_it() {
+fn loop_without_a_board_takes_its_time_whatever_is_called_in_it() {
     for seed in 1..=8 {
         let mut driver = machine(Pace::Board);
         let mut chance = Chance(seed);

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn a_write_after_an_undetected_bite_drives_nothing_whatever_it_holds() {
+fn write_after_an_undetected_bite_drives_no_pin() {
     for change in CHANGES {
         for over_ethernet in [false, true] {
             let name = format!("{change:?}, over Ethernet: {over_ethernet}");
@@ -33,7 +33,7 @@ fn bitten<B: World>(bus: B, remotes: bool, change: Change, name: String) {
 
 /// The packets of one cycle's writes arrive when the watchdog has bitten.
 #[test]
-fn a_write_that_the_network_holds_until_the_watchdog_has_bitten_drives_nothing() {
+fn write_held_by_the_network_until_after_a_bite_drives_no_pin() {
     for change in CHANGES {
         if change.drives_pins() {
             // The board is queried first, and the answer is awaited.

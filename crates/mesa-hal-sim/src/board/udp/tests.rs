@@ -45,7 +45,7 @@ impl Pair {
 const PATIENCE: Duration = Duration::from_secs(60);
 
 #[test]
-fn a_client_gets_its_answers_over_a_real_socket() {
+fn client_gets_its_answers_over_a_real_socket() {
     let mut pair = Pair::new(Mishaps::default());
     for _ in 0..20 {
         pair.client.send(&ASK_COOKIE).unwrap();
@@ -56,7 +56,7 @@ fn a_client_gets_its_answers_over_a_real_socket() {
 }
 
 #[test]
-fn who_talks_is_remembered_and_who_is_silent_for_the_longest_time_is_forgotten() {
+fn clients_are_listed_and_the_longest_silent_one_is_dropped() {
     let Pair {
         mut face, client, ..
     } = Pair::new(Mishaps::default());
@@ -91,7 +91,7 @@ fn who_talks_is_remembered_and_who_is_silent_for_the_longest_time_is_forgotten()
 }
 
 #[test]
-fn a_reply_waits_while_the_board_waits() {
+fn reply_waits_while_the_board_waits() {
     let mut pair = Pair::new(Mishaps::default());
     // WaituS 20000, then the cookie; and a second request behind it.
     pair.client
@@ -141,7 +141,7 @@ fn late_packets_come_late() {
 }
 
 #[test]
-fn a_late_request_does_not_keep_the_loop_spinning_while_the_board_waits() {
+fn late_request_does_not_spin_the_loop_while_the_board_waits() {
     let Pair { mut face, .. } = Pair::new(Mishaps::default());
     let peer = face.local_addr().unwrap();
     face.hold(1_000, peer, false, &ASK_COOKIE);
@@ -153,7 +153,7 @@ fn a_late_request_does_not_keep_the_loop_spinning_while_the_board_waits() {
 }
 
 #[test]
-fn the_same_seed_throws_the_same_dice() {
+fn same_seed_throws_the_same_dice() {
     let rolls = |seed| {
         let mut dice = Dice(seed);
         (0..1000).map(|_| dice.hit(0.1)).collect::<Vec<_>>()

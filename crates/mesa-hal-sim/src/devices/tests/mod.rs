@@ -140,7 +140,7 @@ fn records_of_the_field_io_have_the_names_and_order_of_the_card() {
 }
 
 #[test]
-fn a_narrower_element_of_a_later_mode_is_the_same_value() {
+fn narrower_element_of_a_later_mode_is_the_same_value() {
     let mut remote = Plain::i7i69().unwrap();
     let mut now = 1_000_000;
     for (mode, sent) in [(0, 0x8000_0080_0001_u64), (3, 0x80_0001)] {
@@ -200,7 +200,7 @@ fn outputs_of_a_7i76eu_source_sink_or_both_by_its_masks() {
 }
 
 #[test]
-fn spindle_outputs_of_a_7i76eu_are_forward_and_reverse_in_its_spindle_mode() {
+fn spindle_mode_makes_7i76eu_outputs_forward_and_reverse() {
     let mut remote = FieldIo::i7i76eu().unwrap();
     let layout = remote.application().layout().clone();
     let mode = layout.address("SpinMode").unwrap();
@@ -304,7 +304,7 @@ fn inputs_analog_values_and_mpgs_arrive_in_their_places() {
 }
 
 #[test]
-fn an_mpg_counts_all_edges_after_its_parameter_and_a_power_cycle() {
+fn mpg_counts_all_edges_after_its_parameter_and_a_power_cycle() {
     let mut remote = FieldIo::i7i77().unwrap();
     let address = remote.application().layout().address("NVEncMode0").unwrap();
     let mut host = Host::new(&mut remote);
@@ -328,7 +328,7 @@ fn an_mpg_counts_all_edges_after_its_parameter_and_a_power_cycle() {
 }
 
 #[test]
-fn field_faults_show_in_the_fault_byte_and_go_when_their_cause_has_gone() {
+fn field_faults_stay_in_the_fault_byte_until_their_cause_ends() {
     let mut remote = FieldIo::i7i77().unwrap();
     let mut host = Host::new(&mut remote);
     let sizes = host.start(0);
@@ -376,7 +376,7 @@ fn field_faults_show_in_the_fault_byte_and_go_when_their_cause_has_gone() {
 }
 
 #[test]
-fn a_shorted_output_is_switched_off_alone() {
+fn shorted_output_is_switched_off_alone() {
     let mut remote = FieldIo::i7i77().unwrap();
     let mut host = Host::new(&mut remote);
     let sizes = host.start(0);
@@ -398,7 +398,7 @@ fn a_shorted_output_is_switched_off_alone() {
 }
 
 #[test]
-fn a_card_that_is_supplied_by_field_power_is_silent_without_it() {
+fn card_that_is_supplied_by_field_power_is_silent_without_it() {
     let mut remote = FieldIo::i7i77().unwrap();
     remote.application_mut().world_mut().set_separate_vin(false);
     SimDevice::set_field_volts(&mut remote, 1_000, 0.0).unwrap();
@@ -469,7 +469,7 @@ fn forty_eight_outputs_and_the_field_voltage_of_a_7i72() {
 }
 
 #[test]
-fn a_7i64_has_no_discovery_and_its_faults_are_cleared_by_process_data() {
+fn card_7i64_has_no_discovery_process_data_clears_its_faults() {
     // FACTS 4.7; transcript t26.
     let mut remote = Plain::i7i64().unwrap();
     SimDevice::set_input(&mut remote, 8, true).unwrap();
@@ -500,7 +500,7 @@ fn a_7i64_has_no_discovery_and_its_faults_are_cleared_by_process_data() {
 }
 
 #[test]
-fn a_device_from_a_text_has_what_the_text_says() {
+fn device_from_a_description_has_its_modes_data_and_parameters() {
     let text = "
 remote GADG          # a gadget
 unit 77

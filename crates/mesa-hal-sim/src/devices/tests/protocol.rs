@@ -10,7 +10,7 @@ use mesa_wire::lbp::{
 };
 
 #[test]
-fn nonvolatile_parameters_survive_a_power_cycle_and_take_effect_after_it() {
+fn nonvolatile_parameters_survive_and_apply_after_a_power_cycle() {
     let mut remote = FieldIo::i7i77().unwrap();
     let layout = remote.application().layout().clone();
     let nv = layout.address("NVWatchDogTimeout").unwrap();
@@ -44,7 +44,7 @@ fn nonvolatile_parameters_survive_a_power_cycle_and_take_effect_after_it() {
 }
 
 #[test]
-fn the_unit_number_can_be_changed_for_good() {
+fn unit_number_can_be_changed_for_good() {
     let mut remote = FieldIo::i7i77().unwrap();
     let nv = remote
         .application()
@@ -67,7 +67,7 @@ fn the_unit_number_can_be_changed_for_good() {
 }
 
 #[test]
-fn records_are_protected_and_an_attempt_is_told() {
+fn records_are_write_protected_and_an_attempt_sets_the_status() {
     let mut remote = FieldIo::i7i77().unwrap();
     let mut host = Host::new(&mut remote);
     let before = host.read(0x0400, AccessSize::Double);
@@ -82,7 +82,7 @@ fn records_are_protected_and_an_attempt_is_told() {
 }
 
 #[test]
-fn the_rpc_list_of_the_manual_runs_on_a_remote() {
+fn rpc_list_of_the_manual_runs_on_a_remote() {
     // Manual 7I77, "EXAMPLE RPC COMMAND LIST": RPC5 at 0028.
     let mut remote = FieldIo::i7i77().unwrap();
     let mut host = Host::new(&mut remote);
@@ -102,7 +102,7 @@ fn the_rpc_list_of_the_manual_runs_on_a_remote() {
 /// more bytes at the current address, which leaves the address pointer at 0014, and read eight at
 /// 0010.
 #[test]
-fn the_example_commands_of_the_manual_in_a_row() {
+fn example_commands_of_the_manual_in_a_row() {
     let mut remote = crate::remote::SimRemote::model();
     remote.apply("present=1").unwrap();
     let mut host = Host::new(&mut remote);
@@ -118,7 +118,7 @@ fn the_example_commands_of_the_manual_in_a_row() {
 }
 
 #[test]
-fn the_program_can_be_updated_through_the_flash_registers() {
+fn program_can_be_updated_through_the_flash_registers() {
     // FACTS 1.6.
     let mut remote = FieldIo::i7i77().unwrap();
     let mut host = Host::new(&mut remote);
@@ -181,7 +181,7 @@ fn another_baud_rate_takes_effect_after_a_power_cycle() {
 
 proptest::proptest! {
     #[test]
-    fn arbitrary_bursts_never_panic_and_the_remote_answers_afterwards(
+    fn arbitrary_bursts_never_panic_and_the_remote_replies_after(
         noise in proptest::collection::vec(
             (proptest::collection::vec(proptest::prelude::any::<u8>(), 0..32), 0..200_000_u64),
             0..60,

@@ -21,7 +21,7 @@ fn parameter(card: &dyn SimDevice, name: &str) -> u64 {
 }
 
 #[test]
-fn the_parameter_follows_the_program_that_runs_whatever_its_width() {
+fn parameter_follows_the_program_that_runs_whatever_its_width() {
     for bits in [8, 16, 32] {
         let mut card = card(bits);
         assert_eq!((card.revision(), parameter(&card, "swrevision")), (9, 9));
@@ -43,7 +43,7 @@ fn the_parameter_follows_the_program_that_runs_whatever_its_width() {
 }
 
 #[test]
-fn the_limits_of_the_baud_rate_are_those_of_its_table() {
+fn limits_of_the_baud_rate_are_those_of_its_table() {
     // Manual: 7I77, "OPERATE MODE BAUD RATE": indexes 0 to 11.
     for description in [
         FieldIo::description(),

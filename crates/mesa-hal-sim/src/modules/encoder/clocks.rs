@@ -245,7 +245,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rate_with_its_top_bit_set_divides_by_one() {
+    fn rate_with_its_top_bit_set_divides_by_one() {
         let mut divider = Divider::new(4, 0);
         divider.run_to(12);
         assert_eq!(divider.loaded(), [12, 6, 0]);

@@ -364,8 +364,8 @@ impl Counter {
         }
     }
 
-    /// Skips samples up to `to` of which only the filters' contents depend: the lines do not change,
-    /// and nothing is counted.
+    /// Skips samples up to `to` of which only the filters' contents depend: the lines do not
+    /// change, and nothing is counted.
     fn skip(&mut self, to: Clocks) {
         if self.pending > 0 || self.due.is_some() || !self.is_started {
             return;
@@ -516,7 +516,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn samples_that_are_taken_at_once_are_those_that_are_taken_one_by_one() {
+    fn samples_taken_at_once_equal_samples_taken_one_by_one() {
         for length in [3_u8, 15] {
             for case in 0..=u16::MAX {
                 // A and B with any contents, all lines with any levels.

@@ -103,7 +103,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_computed_is_what_adding_up_gives(
+        fn computed_ticks_match_adding_up_clock_by_clock(
             rates in proptest::collection::vec((0u32..0x1_0000, 1u64..400), 1..6),
         ) {
             let mut divider = Divider::new(0);

@@ -119,7 +119,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn ticks_that_are_skipped_give_the_same_additions_as_ticks_one_by_one(
+        fn skipped_ticks_give_the_same_additions_as_single_ticks(
             rates in proptest::collection::vec((any::<u32>(), 0_u32..5, 0_u64..60), 1..5),
             has_dpll: bool,
         ) {

@@ -71,7 +71,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(2_000))]
 
     #[test]
-    fn from_event_to_event_is_the_same_as_tick_by_tick(writes in writes()) {
+    fn generator_run_by_events_matches_tick_by_tick(writes in writes()) {
         let (mut stepped, mut slow) = (Stepped::default(), SteppedMaster::default());
         let (mut generator, mut divider) = (Generator::new(false), Divider::default());
         let first = Write { register: 9, value: u32::MAX, after: 5 };
@@ -100,7 +100,7 @@ proptest! {
     }
 
     #[test]
-    fn the_latch_is_the_same_in_any_portions(
+    fn latch_is_the_same_in_any_portions(
         levels in proptest::collection::vec((any::<bool>(), any::<bool>(), 1_u64..600, any::<u8>()), 1..12),
     ) {
         let moving = || {
@@ -130,7 +130,7 @@ proptest! {
 }
 
 #[test]
-fn a_pulse_of_255_ticks_passes_the_filter_and_one_of_254_does_not() {
+fn pulse_of_255_ticks_passes_the_filter_and_one_of_254_does_not() {
     for (length, passes) in [(254, false), (255, true)] {
         let mut latch = Latch::default();
         latch.index.set(false);
@@ -154,7 +154,7 @@ fn a_pulse_of_255_ticks_passes_the_filter_and_one_of_254_does_not() {
 
 /// What a simulation costs is the number of events, between which a generator is quiet.
 #[test]
-fn a_generator_is_quiet_from_one_event_to_the_next() {
+fn generator_is_quiet_from_one_event_to_the_next() {
     let quiet_after = |rate: u32, master: u32, ticks: u64| {
         let mut generator = Generator::new(false);
         let mut divider = Divider::default();

@@ -96,7 +96,7 @@ fn errors_by_phase(characters: &[u8]) -> Vec<u32> {
 }
 
 #[test]
-fn a_character_is_an_overrun_only_within_50_ns_after_an_empty_look() {
+fn character_overruns_only_within_50_ns_after_an_empty_poll() {
     let errors = errors_by_phase(&[0xA5]);
     let count = |bits| errors.iter().filter(|&&found| found == bits).count();
     assert_eq!(count(OVERRUN), 5, "cycles of 10 ns");
@@ -115,7 +115,7 @@ fn behind_a_character_that_waits_it_is_one_within_20_ns() {
 }
 
 #[test]
-fn on_a_line_held_low_the_phase_of_its_characters_decides() {
+fn phase_of_characters_decides_overruns_on_a_line_held_low() {
     let (original, now) = running();
     let phases = CHARACTER.div_ceil(CYCLE);
     let hits = (0..phases).filter(|phase| {
@@ -134,7 +134,7 @@ fn on_a_line_held_low_the_phase_of_its_characters_decides() {
 
 /// About 0.5 %, the first after some 180.
 #[test]
-fn on_a_line_held_low_one_doit_in_two_hundred_has_an_overrun() {
+fn line_held_low_gives_an_overrun_in_one_of_200_doits() {
     const DOITS: u32 = 4_000;
     let (mut port, mut now) = running();
     let mut lines = Held(true);
@@ -160,7 +160,7 @@ fn on_a_line_held_low_one_doit_in_two_hundred_has_an_overrun() {
 }
 
 #[test]
-fn a_line_that_goes_low_inside_a_reply_takes_the_reply() {
+fn line_that_goes_low_inside_a_reply_takes_the_reply() {
     // The reply of six characters begins 10 us after the end of the request.
     for inside in [12, 20, 33] {
         let mut bench = Bench::eight(&[REMOTE]);
@@ -187,7 +187,7 @@ fn a_line_that_goes_low_inside_a_reply_takes_the_reply() {
 }
 
 #[test]
-fn a_line_that_is_low_again_before_the_reply_does_no_harm() {
+fn line_that_is_low_again_before_the_reply_does_no_harm() {
     let mut bench = Bench::eight(&[REMOTE]);
     bench.start(0x0901);
     assert!(bench.command(0x1001, MS).is_some());

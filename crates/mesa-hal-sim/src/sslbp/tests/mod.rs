@@ -179,7 +179,7 @@ fn stopall_during_a_transfer_sticks_until_a_stop_with_a_mask() {
 }
 
 #[test]
-fn a_stop_during_a_transfer_ends_the_waiting_and_stops_nothing() {
+fn stop_during_a_transfer_ends_the_waiting_and_stops_nothing() {
     let mut bench = Bench::eight(&[REMOTE]);
     bench.start(0x0901);
     assert!(bench.command(0x1001, MS).is_some());
@@ -191,7 +191,7 @@ fn a_stop_during_a_transfer_ends_the_waiting_and_stops_nothing() {
 }
 
 #[test]
-fn a_command_during_a_transfer_becomes_invalid_after_it() {
+fn command_during_a_transfer_becomes_invalid_after_it() {
     let mut bench = Bench::eight(&[REMOTE]);
     bench.start(0x0901);
     assert!(bench.command(0x1001, MS).is_some());
@@ -203,7 +203,7 @@ fn a_command_during_a_transfer_becomes_invalid_after_it() {
 }
 
 #[test]
-fn a_remote_fault_shows_in_cs_and_never_in_data() {
+fn remote_fault_shows_in_cs_and_never_in_data() {
     let mut bench = Bench::eight(&["present=1 name=7I77 unit=1 mode0=5,2,1,2 wd=1"]);
     bench.start(0x0901);
     assert!(bench.command(0x1001, MS).is_some());
@@ -214,7 +214,7 @@ fn a_remote_fault_shows_in_cs_and_never_in_data() {
 }
 
 #[test]
-fn the_error_limit_is_a_local_variable_of_the_channel() {
+fn error_limit_is_a_local_variable_of_the_channel() {
     let mut bench = Bench::eight(&[]);
     assert!(bench.command(0x0800, MS).is_some());
     bench.write(Register::Command, 0x0901);
@@ -230,7 +230,7 @@ fn the_error_limit_is_a_local_variable_of_the_channel() {
 }
 
 #[test]
-fn without_crc_nothing_is_appended_to_a_request() {
+fn request_without_crc_has_nothing_appended() {
     let mut bench = Bench::eight(&[]);
     assert!(bench.command(0x0800, MS).is_some());
     bench.local_write(0x70 + 0x1E, 1);
@@ -239,7 +239,7 @@ fn without_crc_nothing_is_appended_to_a_request() {
 }
 
 #[test]
-fn a_new_baud_rate_counts_from_the_next_stopall_on() {
+fn new_baud_rate_counts_from_the_next_stopall_on() {
     let mut bench = Bench::eight(&[]);
     for (offset, byte) in 115_200_u32.to_le_bytes().into_iter().enumerate() {
         bench.local_write(0x70 + 0x2A + offset as u32, u32::from(byte));
@@ -254,7 +254,7 @@ fn a_new_baud_rate_counts_from_the_next_stopall_on() {
 }
 
 #[test]
-fn a_baud_rate_of_zero_hangs_the_firmware_until_its_reset() {
+fn baud_rate_of_zero_hangs_the_firmware_until_its_reset() {
     let mut bench = Bench::eight(&[]);
     for offset in 0..4 {
         bench.local_write(0x70 + 0x2A + offset, 0);
@@ -290,7 +290,7 @@ fn seven_interface_registers_carry_28_bytes_each_way() {
 }
 
 #[test]
-fn an_idle_port_lets_any_time_pass_in_one_step() {
+fn idle_port_lets_any_time_pass_in_one_step() {
     let mut bench = Bench::eight(&[REMOTE]);
     bench.start(0x0901);
     assert!(bench.command(0x1001, MS).is_some());
@@ -302,7 +302,7 @@ fn an_idle_port_lets_any_time_pass_in_one_step() {
 }
 
 #[test]
-fn a_write_to_a_register_that_is_not_there_does_nothing() {
+fn write_to_a_register_that_is_not_there_does_nothing() {
     let mut port = SslbpPort::new(PortConfig::new(8, 100_000_000));
     port.advance(MS, &mut NoLines);
     port.write(MS, Register::Cs(200), 1);
@@ -316,7 +316,7 @@ proptest! {
 
     /// Whatever is written, the port continues with bounded work, and the ROM reset recovers it.
     #[test]
-    fn any_sequence_of_writes_leaves_a_port_that_a_reset_brings_back(
+    fn port_recovers_by_a_reset_after_any_sequence_of_writes(
         writes in proptest::collection::vec((0_u8..4, any::<u32>(), 0_u64..200_000), 1..40),
         channels in 1_u8..=8,
     ) {

@@ -43,7 +43,7 @@ impl Bench {
 }
 
 #[test]
-fn a_reset_clears_the_lower_quarter_of_memory_only() {
+fn reset_clears_the_lower_quarter_of_memory_only() {
     let mut bench = Bench::eight(&[REMOTE; 8]);
     bench.start(0x09FF);
     assert!(bench.command(0x10FF, MS).is_some());
@@ -83,7 +83,7 @@ fn a_reset_clears_the_lower_quarter_of_memory_only() {
 }
 
 #[test]
-fn command_clears_at_once_only_in_an_idle_initialised_build_of_eight() {
+fn command_clears_at_once_only_in_an_idle_initialised_8_build() {
     let at_once = |channels: u8, remotes: &[&str], prepare: &dyn Fn(&mut Bench)| {
         let mut bench = Bench::new(PortConfig::new(channels, 100_000_000), remotes);
         prepare(&mut bench);
@@ -104,7 +104,7 @@ fn command_clears_at_once_only_in_an_idle_initialised_build_of_eight() {
 }
 
 #[test]
-fn a_second_reset_within_the_initialisation_of_the_first_waits_for_memory() {
+fn second_reset_within_initialisation_waits_for_memory() {
     for (channels, expected) in [(5, 21_800), (8, 22_400)] {
         for after in [US, 5 * US, 10 * US, 20 * US, 22 * US, 30 * US, 40 * US] {
             let mut bench = Bench::new(PortConfig::new(channels, 100_000_000), &[]);
@@ -126,7 +126,7 @@ fn a_second_reset_within_the_initialisation_of_the_first_waits_for_memory() {
 }
 
 #[test]
-fn a_7i64_stays_in_state_17_if_its_start_is_overwritten_by_a_doit() {
+fn a_7i64_stays_in_state_17_if_a_doit_overwrites_its_start() {
     let remote = "present=1 name=7I64 unit=1 mode0=8,4,1,2";
     let mut bench = Bench::eight(&[remote]);
     assert!(bench.command(0x0800, MS).is_some());

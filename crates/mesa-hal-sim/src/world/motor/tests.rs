@@ -26,7 +26,7 @@ fn speed_follows_the_voltage_with_the_time_constant() {
 }
 
 #[test]
-fn the_path_does_not_depend_on_how_often_somebody_looks() {
+fn motor_path_is_independent_of_the_sampling_interval() {
     let mut coarse = Motor::default();
     let mut fine = coarse;
     for motor in [&mut coarse, &mut fine] {
@@ -116,7 +116,7 @@ fn friction_takes_the_energy_of_what_coasts() {
 }
 
 #[test]
-fn a_drive_gives_its_force_and_no_more() {
+fn drive_gives_its_force_and_no_more() {
     let mut motor = Motor::new(MotorConfig {
         inertia: 0.5,
         max_force: 120.0,
@@ -148,7 +148,7 @@ fn a_drive_gives_its_force_and_no_more() {
 }
 
 #[test]
-fn a_force_below_friction_moves_nothing() {
+fn force_below_friction_moves_nothing() {
     let mut motor = Motor::new(MotorConfig {
         max_force: 10.0,
         drag: 10.0,
@@ -203,7 +203,7 @@ fn stops_hold_whatever_pushes() {
 }
 
 #[test]
-fn a_jammed_axis_stands_until_it_is_freed() {
+fn jammed_axis_stands_until_it_is_freed() {
     let mut motor = Motor::default();
     motor.command(10.0, true);
     motor.advance(100_000_000, |_, _| {});
@@ -217,7 +217,7 @@ fn a_jammed_axis_stands_until_it_is_freed() {
 }
 
 #[test]
-fn with_force_and_friction_the_path_does_not_depend_on_looking_either() {
+fn path_with_force_and_friction_is_independent_of_sampling() {
     let config = MotorConfig {
         max_force: 2000.0,
         drag: 300.0,
@@ -246,7 +246,7 @@ fn with_force_and_friction_the_path_does_not_depend_on_looking_either() {
 }
 
 #[test]
-fn what_no_motor_can_be_is_refused_with_its_name_its_value_and_what_is_allowed() {
+fn invalid_motor_settings_are_refused_with_the_allowed_range() {
     let usual = MotorConfig::default();
     for (field, value, config) in [
         (
@@ -362,7 +362,7 @@ fn any_number() -> impl Strategy<Value = f64> {
 
 proptest! {
     #[test]
-    fn whatever_a_motor_is_made_from_it_is_refused_or_moves_on_a_path_of_numbers(
+    fn motor_settings_are_refused_or_give_a_finite_path(
         numbers in prop::collection::vec(prop::option::weighted(0.3, any_number()), 11),
         volts in prop::collection::vec(any_number(), 1..6),
     ) {

@@ -59,7 +59,7 @@ fn ramp(from: Nanos, acceleration: f64, steps: u32) -> Vec<Nanos> {
 }
 
 #[test]
-fn the_position_is_the_number_of_steps_up_minus_down() {
+fn position_is_the_number_of_steps_up_minus_down() {
     let mut bench = bench(StepperConfig::default());
     bench.pulses((1..=10).map(|n| n * 2_000_000), false);
     bench.set(30_000_000, false, true);
@@ -93,7 +93,7 @@ fn pulses_that_are_too_short_or_too_close_are_lost() {
 }
 
 #[test]
-fn a_direction_that_changes_too_close_to_a_step_loses_it() {
+fn direction_that_changes_too_close_to_a_step_loses_it() {
     // From the rising edge to the change, and from the change to the rising edge.
     for (hold, setup, steps, lost) in [(200, 200, 0, 0), (199, 200, -1, 1), (200, 199, 1, 1)] {
         let mut bench = bench(StepperConfig {
@@ -115,7 +115,7 @@ fn a_direction_that_changes_too_close_to_a_step_loses_it() {
 }
 
 #[test]
-fn a_ramp_within_the_acceleration_loses_nothing_and_a_steeper_one_does() {
+fn ramp_within_acceleration_loses_no_step_a_steeper_one_does() {
     let config = StepperConfig {
         max_acceleration: 100.0,
         start_speed: 0.5,
@@ -150,7 +150,7 @@ fn two_opposite_steps_close_together_lose_nothing() {
 }
 
 #[test]
-fn pulses_that_turn_at_speed_or_go_on_too_fast_after_a_turn_lose_steps() {
+fn steps_are_lost_by_turning_at_speed_or_too_fast_after_a_turn() {
     // 20 steps/ms, and 1 step/ms to which the motor starts.
     for (after, loses) in [(50_000, true), (1_100_000, false)] {
         let mut bench = bench(StepperConfig::default());
@@ -172,7 +172,7 @@ fn pulses_that_turn_at_speed_or_go_on_too_fast_after_a_turn_lose_steps() {
 }
 
 #[test]
-fn a_motor_that_has_lost_steps_follows_again_after_a_stop() {
+fn motor_that_has_lost_steps_follows_again_after_a_stop() {
     let mut bench = bench(StepperConfig::default());
     bench.pulses((1..=100).map(|n| n * 20_000), false);
     bench.settle(1_000_000_000);
@@ -202,7 +202,7 @@ fn pulses_that_end_at_speed_let_the_rotor_run_on() {
 }
 
 #[test]
-fn without_power_all_steps_are_lost() {
+fn all_steps_are_lost_without_power() {
     let mut bench = bench(StepperConfig::default());
     bench.motor.set_power(false);
     bench.pulses((1..=10).map(|n| n * 2_000_000), true);

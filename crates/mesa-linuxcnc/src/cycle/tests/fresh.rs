@@ -48,7 +48,7 @@ fn valid_and_armed_end_with_the_calls_of_read() {
 }
 
 #[test]
-fn nothing_is_armed_while_the_user_has_set_io_error() {
+fn no_output_is_armed_while_the_user_has_set_io_error() {
     let mut bench = Bench::running();
     bench.switch_on();
     bench.set("io_error", true);
@@ -57,7 +57,7 @@ fn nothing_is_armed_while_the_user_has_set_io_error() {
 }
 
 #[test]
-fn a_board_that_is_abandoned_shows_an_error_that_stays() {
+fn board_that_is_abandoned_shows_an_error_that_stays() {
     let mut bench = Bench::running();
     bench.switch_on();
     for _ in 0..2 {
@@ -73,7 +73,7 @@ proptest! {
 
     /// In any order of calls, with the time for the watchdogs between some.
     #[test]
-    fn nothing_is_valid_long_after_the_last_read(
+    fn no_pin_is_valid_long_after_the_last_read(
         calls in proptest::collection::vec((0..4, 1..12), 1..40),
     ) {
         let mut bench = Bench::running();

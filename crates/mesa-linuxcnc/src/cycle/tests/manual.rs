@@ -28,7 +28,7 @@ fn names(fpga: SimFpga) -> Vec<String> {
 }
 
 #[test]
-fn the_pages_name_each_pin_of_its_own() {
+fn pages_name_each_pin_of_its_own() {
     let boards = [
         names(machines::six_axes_7i97(Motor::default())),
         names(machines::i7i92_7i76()),
@@ -44,7 +44,7 @@ fn the_pages_name_each_pin_of_its_own() {
 }
 
 #[test]
-fn the_pages_name_each_word_and_function() {
+fn pages_name_each_word_and_function() {
     let source = include_str!("../../exports.rs");
     let words = source.split("pub static rtapi_info_address_").skip(1);
     let words: Vec<_> = words.filter_map(|rest| rest.split(':').next()).collect();

@@ -31,7 +31,7 @@ impl Bench {
 }
 
 #[test]
-fn a_pulled_card_is_said_with_the_pin_that_brings_it_back() {
+fn pulled_card_is_reported_with_the_pin_that_rearms_it() {
     let mut bench = Bench::running();
     bench.switch_on();
     bench.pull(OUTPUTS);
@@ -54,7 +54,7 @@ fn a_pulled_card_is_said_with_the_pin_that_brings_it_back() {
 }
 
 #[test]
-fn a_fault_of_the_board_is_said_with_the_pin_that_ends_it() {
+fn board_fault_is_reported_with_the_pin_that_clears_it() {
     let mut bench = Bench::running();
     bench.switch_on();
     bench.wait(Duration::from_secs(2));
@@ -86,7 +86,7 @@ fn a_fault_of_the_board_is_said_with_the_pin_that_ends_it() {
 
 /// A reset stops the cards as well, which follow with the board.
 #[test]
-fn a_reset_that_the_user_has_acknowledged_is_no_fault_of_the_cards() {
+fn acknowledged_reset_is_no_fault_of_the_cards() {
     let mut bench = Bench::running();
     bench.switch_on();
     bench.fpga().reload();
@@ -136,7 +136,7 @@ fn another_card_of_the_kind_is_an_error_once() {
 }
 
 #[test]
-fn a_card_that_fails_before_any_output_is_on_follows_by_itself() {
+fn card_that_fails_before_any_output_is_on_follows_by_itself() {
     for in_cycle in [1, 10, 100] {
         let mut bench = Bench::new();
         bench.run(in_cycle);
@@ -161,7 +161,7 @@ fn a_card_that_fails_before_any_output_is_on_follows_by_itself() {
 
 /// As a computer that is busy with LinuxCNC's start does it.
 #[test]
-fn a_stall_at_the_start_leaves_no_card_off() {
+fn stall_at_the_start_leaves_no_card_off() {
     for in_cycle in [1, 2, 10, 200] {
         let mut bench = Bench::new();
         bench.set("watchdog.timeout_ns", 100_000_000_u32);
@@ -173,7 +173,7 @@ fn a_stall_at_the_start_leaves_no_card_off() {
 }
 
 #[test]
-fn a_port_that_is_off_stays_off_before_the_machine_is_on() {
+fn port_that_is_off_stays_off_before_the_machine_is_on() {
     let mut bench = Bench::running();
     bench.set("sserial.port-0.run", false);
     bench.run(500);
@@ -187,7 +187,7 @@ fn a_port_that_is_off_stays_off_before_the_machine_is_on() {
 }
 
 #[test]
-fn what_failed_before_the_machine_is_on_first_is_armed_with_it() {
+fn card_that_failed_before_the_first_machine_on_is_armed_by_it() {
     let mut bench = Bench::running();
     bench.switch_on();
     bench.pull(OUTPUTS);
@@ -218,7 +218,7 @@ fn what_failed_before_the_machine_is_on_first_is_armed_with_it() {
 }
 
 #[test]
-fn a_machine_that_is_on_without_a_card_is_an_error() {
+fn machine_that_is_on_without_a_card_is_an_error() {
     let mut bench = Bench::running();
     bench.pull(FIELD);
     bench.run(2_000);
@@ -233,7 +233,7 @@ fn a_machine_that_is_on_without_a_card_is_an_error() {
 }
 
 #[test]
-fn a_board_that_was_not_read_is_armed_with_the_machine() {
+fn board_that_was_not_read_is_armed_with_the_machine() {
     for is_used in [false, true] {
         let mut bench = Bench::running();
         if is_used {
@@ -257,7 +257,7 @@ fn a_board_that_was_not_read_is_armed_with_the_machine() {
 }
 
 #[test]
-fn a_machine_that_is_on_without_its_board_is_an_error() {
+fn machine_that_is_on_without_its_board_is_an_error() {
     let mut bench = Bench::running();
     bench.set("io_error", true);
     bench.run(10);
@@ -270,7 +270,7 @@ fn a_machine_that_is_on_without_its_board_is_an_error() {
 }
 
 #[test]
-fn a_share_of_lost_packets_is_said_once() {
+fn share_of_lost_packets_is_reported_once() {
     let mut bench = Bench::running();
     bench.set("packet-error-limit", 1_000_000_i32);
     let bus = bench.cycle.driver.bus_mut();
@@ -285,7 +285,7 @@ fn a_share_of_lost_packets_is_said_once() {
 }
 
 #[test]
-fn a_generator_that_is_stopped_is_an_error_with_its_name() {
+fn generator_that_is_stopped_is_an_error_with_its_name() {
     let bench = Bench::running();
     let say = |kind| {
         let report = Report {
@@ -344,7 +344,7 @@ fn a_generator_that_is_stopped_is_an_error_with_its_name() {
 
 /// Each fault with its longest values, in all states of flags and outputs.
 #[test]
-fn an_error_fits_on_the_operators_screen() {
+fn error_fits_on_the_operators_screen() {
     use mesa_hal::sslbp::{CsStatus, Failure, ProcessDataSizes, RemoteFaults};
 
     let bench = Bench::new();

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn a_pulled_card_fails_alone_and_stays_safe_until_run_is_switched() {
+fn pulled_card_fails_alone_and_stays_safe_until_run_is_switched() {
     let mut bench = Bench::running();
     bench.switch_on();
     bench.pull(OUTPUTS);
@@ -33,7 +33,7 @@ fn a_pulled_card_fails_alone_and_stays_safe_until_run_is_switched() {
 }
 
 #[test]
-fn a_rising_edge_of_rearm_arms_that_remote_alone_even_before_it_is_back() {
+fn rising_edge_of_rearm_arms_one_remote_even_before_it_is_back() {
     let mut bench = Bench::running();
     bench.switch_on();
     for channel in [FIELD, OUTPUTS] {
@@ -59,7 +59,7 @@ fn a_rising_edge_of_rearm_arms_that_remote_alone_even_before_it_is_back() {
 }
 
 #[test]
-fn a_thread_that_stops_makes_everything_safe_until_has_bit_is_cleared() {
+fn stopped_thread_makes_outputs_safe_until_has_bit_is_cleared() {
     let mut bench = Bench::running();
     bench.switch_on();
     bench.wait(Duration::from_secs(2));
@@ -76,7 +76,7 @@ fn a_thread_that_stops_makes_everything_safe_until_has_bit_is_cleared() {
 }
 
 #[test]
-fn lost_packets_are_an_io_error_and_clearing_that_brings_everything_back() {
+fn lost_packets_set_io_error_and_clearing_it_restores_outputs() {
     let mut bench = Bench::running();
     bench.switch_on();
     bench
@@ -99,7 +99,7 @@ fn lost_packets_are_an_io_error_and_clearing_that_brings_everything_back() {
 
 /// A signal reaches it, as that of F1, and no parameter.
 #[test]
-fn the_boards_rearm_clears_io_error_and_has_bit() {
+fn boards_rearm_clears_io_error_and_has_bit() {
     for held_before in [false, true] {
         let mut bench = Bench::running();
         bench.switch_on();
@@ -125,7 +125,7 @@ fn the_boards_rearm_clears_io_error_and_has_bit() {
 }
 
 #[test]
-fn a_new_fault_withdraws_what_was_asked_for() {
+fn new_fault_withdraws_what_was_asked_for() {
     let mut bench = Bench::running();
     bench.switch_on();
     bench.pull(OUTPUTS);
@@ -147,7 +147,7 @@ fn a_new_fault_withdraws_what_was_asked_for() {
 
 /// As with hm2_eth, whose board is not fed meanwhile either.
 #[test]
-fn an_io_error_of_the_user_lets_the_board_bite_if_it_lasts() {
+fn io_error_of_the_user_lets_the_board_bite_if_it_lasts() {
     for (millis, has_bitten) in [(3, false), (1_000, true)] {
         let mut bench = Bench::running();
         bench.switch_on();
@@ -166,7 +166,7 @@ fn an_io_error_of_the_user_lets_the_board_bite_if_it_lasts() {
 }
 
 #[test]
-fn nothing_is_written_while_io_error_is_set_and_everything_follows_when_it_is_cleared() {
+fn io_error_stops_all_writes_and_clearing_it_restores_outputs() {
     let mut bench = Bench::running();
     bench.switch_on();
     // By the user.
@@ -198,10 +198,10 @@ fn nothing_is_written_while_io_error_is_set_and_everything_follows_when_it_is_cl
     assert_eq!(bench.outputs(), [true; 3]);
 }
 
-/// The board is away for a second, which loses its configuration; the user clears `io_error` before or
-/// after it is known that it did.
+/// The board is away for a second, which loses its configuration; the user clears `io_error` before
+/// or after it is known that it did.
 #[test]
-fn no_line_says_safe_of_outputs_that_are_on() {
+fn no_message_claims_safe_outputs_that_are_on() {
     let mut known_before = [0; 2];
     for wait in (0..12).step_by(2) {
         for is_between in [false, true] {
@@ -274,7 +274,7 @@ fn outputs_off_after_writes_alone_are_shown_and_re_armed() {
 
 /// An emergency stop that cuts field power leaves a card without it when LinuxCNC loads the driver.
 #[test]
-fn a_card_without_field_power_at_the_load_has_all_its_pins() {
+fn card_without_field_power_at_the_load_has_all_its_pins() {
     let set_volts = |fpga: &mut SimFpga, volts| {
         let now = SimFpga::now(fpga);
         let remote = fpga.remote_mut(0, FIELD).expect("a remote");

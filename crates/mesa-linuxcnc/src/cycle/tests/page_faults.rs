@@ -26,7 +26,7 @@ impl PageFaults {
 }
 
 #[test]
-fn a_page_that_is_new_is_a_fault() {
+fn page_that_is_new_is_a_fault() {
     let faults = PageFaults::of_this_thread();
     let before = faults.count();
     let mut pages = vec![0_u8; 1 << 22];

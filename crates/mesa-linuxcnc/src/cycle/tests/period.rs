@@ -52,7 +52,7 @@ fn hostmot2() -> Settings {
 }
 
 #[test]
-fn the_dpll_is_in_phase_with_threads_of_half_a_1_and_2_ms() {
+fn dpll_is_in_phase_with_threads_of_half_a_1_and_2_ms() {
     for period in PERIODS {
         let mut bench = Bench::with(hostmot2());
         assert_eq!(bench.float("dpll.base-freq-khz"), -1.0, "as with hostmot2");
@@ -72,7 +72,7 @@ fn the_dpll_is_in_phase_with_threads_of_half_a_1_and_2_ms() {
 
 /// As a HAL file sets it between `loadrt` and `start`.
 #[test]
-fn a_frequency_that_the_user_has_set_stays() {
+fn frequency_that_the_user_has_set_stays() {
     let mut bench = Bench::with(hostmot2());
     bench.set("dpll.base-freq-khz", 1.5);
     bench.period = PERIODS[2];
@@ -87,7 +87,7 @@ fn a_frequency_that_the_user_has_set_stays() {
 }
 
 #[test]
-fn the_watchdog_bites_after_five_periods_and_at_least_5_ms() {
+fn watchdog_bites_after_five_periods_and_at_least_5_ms() {
     for (period, millis) in PERIODS.into_iter().zip([5, 5, 10]) {
         let mut bench = Bench::with(hostmot2());
         bench.period = period;
@@ -101,7 +101,7 @@ fn the_watchdog_bites_after_five_periods_and_at_least_5_ms() {
 }
 
 #[test]
-fn a_reply_is_awaited_for_80_percent_of_the_period() {
+fn reply_is_awaited_for_80_percent_of_the_period() {
     for period in PERIODS {
         let bus = ethernet::bus(machines::six_axes_7i97(Motor::default()));
         let driver = Driver::start(bus, hostmot2()).expect("the machine is complete");
@@ -120,9 +120,10 @@ fn a_reply_is_awaited_for_80_percent_of_the_period() {
     }
 }
 
-/// The cards switch off after 50 ms without data, which a thread of 30 ms does not feed three times.
+/// The cards switch off after 50 ms without data, which a thread of 30 ms does not feed three
+/// times.
 #[test]
-fn a_refused_period_drives_nothing_and_is_repeated() {
+fn refused_period_drives_nothing_and_is_repeated() {
     let mut bench = Bench::with(hostmot2());
     bench.set("7i77.0.0.output-03", true);
     bench.set("ssr.00.out-02", true);
@@ -155,7 +156,7 @@ fn a_refused_period_drives_nothing_and_is_repeated() {
 }
 
 #[test]
-fn a_refused_period_is_said_in_the_words_of_hal() {
+fn refused_period_is_reported_in_hal_terms() {
     for (micros, watchdog_ns, about) in [
         (20, 5_000_000, "port 0: a transfer takes up to "),
         (2_000, 3_000_000, "set watchdog.timeout_ns; then set "),
@@ -182,7 +183,7 @@ fn a_refused_period_is_said_in_the_words_of_hal() {
 }
 
 #[test]
-fn a_refused_period_is_tried_again_when_io_error_is_cleared() {
+fn refused_period_is_tried_again_when_io_error_is_cleared() {
     let mut bench = Bench::with(hostmot2());
     bench.period = PERIODS[2];
     bench.set("watchdog.timeout_ns", 3_000_000_u32);
@@ -232,7 +233,7 @@ fn periods_of_50_us_to_50_ms_are_accepted() {
 
 /// Without cards, whose watchdogs are too short for such a thread.
 #[test]
-fn a_dpll_that_cannot_follow_is_an_error_where_a_timer_is_set() {
+fn dpll_that_cannot_follow_is_an_error_where_a_timer_is_set() {
     let words = "num_encoders=6 sserial_port_0=xxxxxxxx";
     let alone = "board: the DPLL cannot follow a thread of 12 ms, and stays at 1 kHz";
     let note = format!("{alone}; no timer-number is set, so nothing depends on it");

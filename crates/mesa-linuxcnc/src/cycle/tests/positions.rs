@@ -48,7 +48,7 @@ impl Axis {
 
 /// A minute, in which the axis turns by a multiple of what its counter has.
 #[test]
-fn positions_are_followed_while_the_board_waits_for_the_operator() {
+fn positions_are_followed_while_io_error_is_set() {
     let mut axis = Axis::new();
     let missing = axis.missing();
     axis.turn(20_000.0);
@@ -83,7 +83,7 @@ fn positions_are_followed_while_the_board_waits_for_the_operator() {
 
 /// A board that does not answer must not cost the thread the time of a reply in each period.
 #[test]
-fn a_board_that_is_away_is_looked_for_once_in_10_ms() {
+fn board_that_is_away_is_looked_for_once_in_10_ms() {
     let mut axis = Axis::new();
     axis.0.lose_packets();
     axis.0.run(100);
@@ -96,7 +96,7 @@ fn a_board_that_is_away_is_looked_for_once_in_10_ms() {
 
 /// What the board has lost is known before the operator acts, who then acts once.
 #[test]
-fn a_reset_is_found_while_the_board_waits_for_the_operator() {
+fn reset_is_found_while_the_board_waits_for_the_operator() {
     let mut bench = Bench::running();
     bench.switch_on();
     bench.fpga().reset_for(1_000_000_000);
@@ -112,9 +112,10 @@ fn a_reset_is_found_while_the_board_waits_for_the_operator() {
     assert!(bench.is_on("armed") && !bench.is_on("io_error"));
 }
 
-/// A write that is lost in one of the first cycles, as on a computer that is busy with LinuxCNC's start.
+/// A write that is lost in one of the first cycles, as on a computer that is busy with LinuxCNC's
+/// start.
 #[test]
-fn a_doubt_at_the_start_is_on_no_screen_and_a_loss_is() {
+fn doubt_at_the_start_is_on_no_screen_and_a_loss_is() {
     for in_cycle in [1, 20, 80] {
         let mut bench = Bench::new();
         bench.run(in_cycle);

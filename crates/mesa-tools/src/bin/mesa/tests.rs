@@ -108,7 +108,7 @@ fn each_command_is_in_one_group_of_the_help_with_what_it_does() {
 }
 
 #[test]
-fn every_command_says_what_its_exit_codes_mean() {
+fn help_of_each_command_lists_its_exit_codes() {
     for (name, command) in commands() {
         let help = after_help(&command);
         let is_said = help.contains("Exits with 0") || command.has_subcommands();
@@ -120,7 +120,7 @@ fn every_command_says_what_its_exit_codes_mean() {
 /// Commands that ask have `--yes` as their own argument, from
 /// [`Asks`](crate::board::consent::Asks).
 #[test]
-fn help_names_yes_where_something_is_asked_and_it_may_stand_anywhere() {
+fn yes_is_in_the_help_of_commands_that_ask_and_fits_anywhere() {
     let asks: Vec<String> = commands()
         .into_iter()
         .filter(|(_, command)| {
@@ -200,7 +200,7 @@ fn every_number_has_its_range() {
 
 /// The manual page lists them in this order, without the groups of the help.
 #[test]
-fn the_manual_page_lists_the_commands_by_name() {
+fn manual_page_lists_the_commands_by_name() {
     let all = command_line();
     let names = all.get_subcommands().map(clap::Command::get_name);
     let names: Vec<_> = names.filter(|name| *name != "help").collect();

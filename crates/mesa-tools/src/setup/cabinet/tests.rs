@@ -9,7 +9,7 @@ fn board() -> Configured<mesa_hal_sim::SimFpga> {
 }
 
 #[test]
-fn what_a_cabinet_keeps_is_taken_compared_and_put_back() {
+fn cabinet_parameters_are_saved_compared_and_restored() {
     let mut board = board();
     let saved = SavedCabinet::take(&mut board).unwrap();
     let cards: Vec<_> = saved
@@ -40,7 +40,7 @@ fn what_a_cabinet_keeps_is_taken_compared_and_put_back() {
 }
 
 #[test]
-fn a_file_for_other_cards_is_refused_unless_they_are_matched_by_place() {
+fn file_for_other_cards_is_refused_unless_matched_by_place() {
     let mut board = board();
     let mut saved = SavedCabinet::take(&mut board).unwrap();
     saved.remotes[2].unit_number ^= 1;
@@ -60,7 +60,7 @@ fn a_file_for_other_cards_is_refused_unless_they_are_matched_by_place() {
 }
 
 #[test]
-fn a_file_whose_values_do_not_fit_is_refused_before_anything_is_written() {
+fn file_with_values_that_do_not_fit_is_refused_before_a_write() {
     let mut board = board();
     let saved = SavedCabinet::take(&mut board).unwrap();
     for (name, value) in [

@@ -102,7 +102,7 @@ fn file(revision: u8, body: usize) -> FirmwareFile {
 }
 
 #[test]
-fn a_card_is_identified_and_discovered_as_through_an_fpga() {
+fn card_is_identified_and_discovered_as_through_an_fpga() {
     let mut host = host_on(Line::new());
     let remote = host.identify().unwrap();
     assert_eq!(remote.started.name, RemoteName(*b"7I77"));
@@ -130,7 +130,7 @@ fn a_card_is_identified_and_discovered_as_through_an_fpga() {
 }
 
 #[test]
-fn a_reply_that_is_lost_damaged_or_too_long_is_asked_for_again() {
+fn reply_that_is_lost_damaged_or_too_long_is_asked_for_again() {
     let mut host = host_on(Line::new());
     for spoil in [
         |line: &mut Line| line.remote.inject().drop = 2,
@@ -145,7 +145,7 @@ fn a_reply_that_is_lost_damaged_or_too_long_is_asked_for_again() {
 }
 
 #[test]
-fn errors_say_what_to_do() {
+fn errors_contain_the_next_step() {
     let mut host = host_on(Line::new());
     host.port.remote.inject().bad_crc = 100;
     let error = host.identify().unwrap_err().with_advice().to_string();
@@ -163,7 +163,7 @@ fn errors_say_what_to_do() {
 }
 
 #[test]
-fn firmware_is_compared_erased_written_and_verified_and_runs_from_the_next_power_up_on() {
+fn firmware_is_compared_written_verified_and_runs_at_power_up() {
     let mut host = host_on(Line::new());
     let firmware = file(21, 9000);
     let boot = host.port.remote.flash().unwrap().cells()[..0x1000].to_vec();
@@ -205,7 +205,7 @@ fn firmware_is_compared_erased_written_and_verified_and_runs_from_the_next_power
 }
 
 #[test]
-fn an_update_that_was_cut_off_anywhere_is_found_and_finished() {
+fn update_that_was_cut_off_anywhere_is_found_and_finished() {
     let firmware = file(22, 5000);
     for requests in [3, 40, 300, 900] {
         let mut host = host_on(Line::new());
@@ -229,7 +229,7 @@ fn an_update_that_was_cut_off_anywhere_is_found_and_finished() {
 }
 
 #[test]
-fn an_update_that_is_told_to_stop_says_what_is_left_and_leaves_the_flash_memory() {
+fn stopped_update_reports_blocks_left_and_deselects_the_flash() {
     let mut host = host_on(Line::new());
     let firmware = file(23, 5000);
     let plan = UpdatePlan::make(&mut host, &firmware, &mut never).unwrap();
@@ -245,7 +245,7 @@ fn an_update_that_is_told_to_stop_says_what_is_left_and_leaves_the_flash_memory(
 }
 
 #[test]
-fn a_remote_that_is_no_flash_memory_or_does_not_show_it_is_refused() {
+fn remote_without_readable_flash_memory_is_refused() {
     let firmware = file(24, 5000);
     let mut host = host_on(Line::new());
     let remote = &mut host.port.remote;
@@ -271,7 +271,7 @@ fn a_remote_that_is_no_flash_memory_or_does_not_show_it_is_refused() {
 
 /// The simulated card has 0x8000 bytes of flash memory.
 #[test]
-fn a_file_that_is_longer_than_the_flash_memory_is_refused_before_anything_is_erased() {
+fn file_longer_than_the_flash_is_refused_before_any_erase() {
     for repeats in [false, true] {
         let mut host = host_on(Line::new());
         host.port.remote.flash_mut().unwrap().repeat(repeats);
@@ -299,7 +299,7 @@ fn a_file_that_is_longer_than_the_flash_memory_is_refused_before_anything_is_era
 
 /// Manual: 7I77, "EXAMPLE LBP COMMANDS". The six bytes at 0x10 are the outputs of a 7I72.
 #[test]
-fn the_remote_follows_the_examples_of_the_manual() {
+fn remote_follows_the_examples_of_the_manual() {
     let mut host = host_on(Line::to(Outputs48::i7i72().unwrap()));
     let at = MemoryAddress::at(0x10);
     let write = Request::write(at.auto_increment(), AccessSize::Long, 0xDDCC_BBAA);
@@ -324,7 +324,7 @@ fn the_remote_follows_the_examples_of_the_manual() {
 }
 
 #[test]
-fn a_cell_that_does_not_keep_its_value_is_found() {
+fn cell_that_does_not_keep_its_value_is_found() {
     let mut host = host_on(Line::new());
     let firmware = file(25, 5000);
     let plan = UpdatePlan::make(&mut host, &firmware, &mut never).unwrap();

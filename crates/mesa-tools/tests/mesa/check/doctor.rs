@@ -60,7 +60,7 @@ fn bus_log_has_the_words_of_the_cycles_by_name() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_machine_is_looked_at_with_consent_and_ends_with_its_outputs_off() {
+fn machine_is_checked_with_consent_and_ends_with_outputs_off() {
     let board = Board::start(
         Ipv4Addr::LOCALHOST,
         &["--board", "7i97", "--port", "0", "--remote", "0=7i77-io:2"],
@@ -145,7 +145,7 @@ fn late_replies_are_not_called_lost_and_the_cable_is_not_blamed() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn lost_packets_are_counted_for_each_way_as_the_board_counts_them() {
+fn loss_per_direction_matches_the_counters_of_the_board() {
     let (found, [to_board, back]) = with_mishap("loss 0.2");
     assert!(to_board > 5 && back > 5, "{to_board}, {back}");
     let (verdict, loss) = finding(&found, "packet loss");
@@ -160,7 +160,7 @@ fn lost_packets_are_counted_for_each_way_as_the_board_counts_them() {
 }
 
 #[test]
-fn a_software_mode_that_measures_field_power_is_started_and_judged() {
+fn software_mode_that_measures_field_power_is_used_and_rated() {
     let machine = [
         "--sim",
         "7i92-7i77",
@@ -214,7 +214,7 @@ fn field_power_that_is_not_measured_has_the_advice_of_its_card() {
 }
 
 #[test]
-fn a_t_board_is_named_as_such() {
+fn t_board_is_named_as_such() {
     let passive = ["--passive", "--exchanges", "10", "--period", SLOW];
     let (_, found, _) = diagnosis(&[&["--sim", "7i97t"][..], &passive].concat());
     let (verdict, figure) = finding(&found, "board generation");
@@ -230,7 +230,7 @@ fn a_t_board_is_named_as_such() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_remote_without_field_power_is_bad_and_the_exit_code_says_so() {
+fn remote_without_field_power_is_bad_and_sets_the_exit_code() {
     let mut board = Board::start(
         Ipv4Addr::LOCALHOST,
         &["--board", "7i97", "--port", "0", "--remote", "0=7i77-io"],
@@ -338,7 +338,7 @@ fn passive_starts_nothing_and_reads_the_files_of_the_computer() {
 const GATEWARE: &str = include_str!("../../../../../docs/gateware.md");
 
 #[test]
-fn the_report_gathers_what_decides_everything_that_is_not_confirmed() {
+fn report_gathers_what_decides_everything_that_is_not_confirmed() {
     let file = Scratch::new("doctor-report.json");
     let machine = "7i92-7i77,2=7i72";
     let ask = [
@@ -388,7 +388,7 @@ fn the_report_gathers_what_decides_everything_that_is_not_confirmed() {
 }
 
 #[test]
-fn where_no_board_is_the_network_and_the_computer_are_looked_at_all_the_same() {
+fn network_and_computer_are_checked_even_without_a_board() {
     let (code, found, _) = diagnosis(&["--addr", "127.93.0.11", "--passive"]);
     assert_eq!(code, Some(1));
     let (verdict, figure) = finding(&found, "board");
@@ -431,7 +431,7 @@ fn ctrl_c_ends_it_with_what_was_found_and_nothing_running() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_board_that_another_program_drives_is_left_alone() {
+fn board_that_another_program_drives_is_left_alone() {
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
     let address = board.address.to_string();
     let other = [

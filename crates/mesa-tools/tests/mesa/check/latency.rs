@@ -65,7 +65,7 @@ fn both_paces_are_measured_and_judged_for_programs() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_percentiles_the_bars_and_the_picture_are_for_people() {
+fn percentiles_the_bars_and_the_picture_are_for_people() {
     let picture = Scratch::new("latency.svg");
     let base = [
         "latency",
@@ -131,7 +131,7 @@ fn both_paces_are_on_one_axis_of_the_picture() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn what_was_given_is_not_advised() {
+fn options_already_given_are_not_advised() {
     let base = [
         "latency",
         "--sim",
@@ -199,7 +199,7 @@ fn lost_packets_are_named_and_a_mode_is_started() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_remote_that_goes_offline_meanwhile_is_said_and_no_rate_is_judged() {
+fn remote_offline_in_a_run_is_reported_and_no_rate_is_rated() {
     let arguments = ["--board", "7i97", "--port", "0", "--remote", "0=7i77-io"];
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &arguments);
     let address = board.address.to_string();
@@ -239,7 +239,7 @@ fn a_remote_that_goes_offline_meanwhile_is_said_and_no_rate_is_judged() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn it_ends_on_a_signal_with_what_was_measured_and_never_drives_anything() {
+fn latency_ends_on_a_signal_with_results_and_never_drives() {
     let remotes = ["--remote", "0=7i77-io", "--remote", "1=7i77-analog"];
     let arguments = [&["--board", "7i97", "--port", "0"][..], &remotes].concat();
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &arguments);
@@ -278,7 +278,7 @@ fn it_ends_on_a_signal_with_what_was_measured_and_never_drives_anything() {
 }
 
 #[test]
-fn what_can_not_be_had_is_refused_with_the_reason() {
+fn impossible_options_are_refused_with_the_reason() {
     let sim = ["latency", "--sim", "7i80-7i77"];
     for (arguments, code, said) in [
         (&["--seconds", "0"][..], 2, "0.1 to 86400"),
@@ -306,7 +306,7 @@ fn what_can_not_be_had_is_refused_with_the_reason() {
 }
 
 #[test]
-fn nobody_who_reads_is_no_reason_to_stop() {
+fn latency_runs_to_its_end_if_its_output_is_not_read() {
     let short = ["latency", "--sim", "7i97", "--seconds", "0.1"];
     let mut child = Process::new(command(&short).spawn().expect("mesa starts"));
     child.stop_reading();

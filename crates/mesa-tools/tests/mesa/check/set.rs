@@ -91,7 +91,7 @@ pub fn ended(process: Process) -> Run {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn an_output_is_on_alone_for_its_time_and_then_off() {
+fn output_is_on_alone_for_its_time_and_then_off() {
     let mut board = board();
     assert_eq!(lit(&mut board), [""; 0]);
     let jog = begin(&board, &[OUTPUT, "on", "--for", "3s", "--json"]);
@@ -120,7 +120,7 @@ fn an_output_is_on_alone_for_its_time_and_then_off() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_drive_moves_only_when_its_enable_and_its_voltage_were_asked_for_by_name() {
+fn drive_moves_only_if_enable_and_voltage_are_named_explicitly() {
     let mut board = board();
     let analog = ["7i77.0.1.analogout0", "0.5", "--for", "500ms"];
     let address = board.address.to_string();
@@ -149,7 +149,7 @@ fn a_drive_moves_only_when_its_enable_and_its_voltage_were_asked_for_by_name() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_signal_ends_it_with_the_output_off() {
+fn signal_ends_it_with_the_output_off() {
     for (signal, code) in [("INT", 130), ("TERM", 143), ("HUP", 129)] {
         let mut board = board();
         let mut jog = begin(&board, &[OUTPUT, "1", "--for", "60s"]);
@@ -171,7 +171,7 @@ fn a_signal_ends_it_with_the_output_off() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_fault_ends_it_with_the_reason() {
+fn fault_ends_it_with_the_reason() {
     let mut board = impatient_board();
     let jog = begin(&board, &[OUTPUT, "on", "--for", "60s"]);
     wait_for(&mut board, 0, "output-03", "1");
@@ -200,7 +200,7 @@ fn a_fault_ends_it_with_the_reason() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn nobody_reads_what_it_prints_and_it_ends_all_the_same() {
+fn jog_ends_normally_if_its_output_is_not_read() {
     let mut board = board();
     let mut jog = begin(&board, &[OUTPUT, "on", "--for", "300ms"]);
     jog.stop_reading();
@@ -210,7 +210,7 @@ fn nobody_reads_what_it_prints_and_it_ends_all_the_same() {
 }
 
 #[test]
-fn what_makes_no_sense_is_refused_and_says_what_would() {
+fn invalid_arguments_are_refused_with_the_allowed_values() {
     let sim = ["--for", "1s", "--sim", "7i92-7i77", "--yes"];
     for (arguments, said) in [
         (["7i77.0.0.output-3", "on"], "output-03`"),

@@ -101,7 +101,7 @@ fn ends(mut guided: Guided) -> Value {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn each_terminal_is_named_and_what_changes_is_told_and_kept() {
+fn terminal_is_named_and_its_changes_are_reported_and_saved() {
     let mut board = board();
     let file = Scratch::new("wiring.json");
     let keep = ["--json", "--report", file.path()];
@@ -205,7 +205,7 @@ fn loose_wires_and_connected_ones_are_not_in_order() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn what_is_not_valid_is_no_change_nor_is_what_it_shows_next() {
+fn invalid_input_is_no_change_nor_is_its_next_value() {
     let mut board = board();
     let mut guided = Guided::begin(&board, &[INPUTS, "--json"]);
     guided.says("[1/10] ");
@@ -237,7 +237,7 @@ fn what_is_not_valid_is_no_change_nor_is_what_it_shows_next() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn an_encoder_is_turned_by_hand_and_says_which_way_it_counts() {
+fn encoder_turned_by_hand_shows_its_counting_direction() {
     let mut board = board();
     let file = Scratch::new("wiring.txt");
     let mut guided = Guided::begin(&board, &["*.rawcounts", "--report", file.path()]);
@@ -358,7 +358,7 @@ counts_per_index = 0
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn an_index_is_latched_when_its_encoder_is_turned_past_it_and_one_that_is_not_wired_is_told() {
+fn index_is_latched_when_passed_and_an_unwired_one_is_reported() {
     let file = Scratch::new("indexes.toml");
     fs::write(&file.0, INDEXES).expect("a scratch file");
     let machine = ["--machine", file.path(), "--port", "0"];
@@ -442,7 +442,7 @@ fn everything_in_order_is_exit_code_0() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_script_waits_for_each_terminal_so_long_and_no_longer() {
+fn script_waits_for_each_terminal_so_long_and_no_longer() {
     let all = ["wiring", "*input-0?", "--sim", "7i97", "--timeout", "0.5"];
     let run = run(&[&all[..], &["--json"]].concat());
     assert_eq!(run.code, Some(1), "{run:?}");
@@ -461,7 +461,7 @@ fn a_script_waits_for_each_terminal_so_long_and_no_longer() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_example_of_its_help_has_terminals_and_one_that_is_stuck_is_told() {
+fn help_example_has_terminals_and_a_stuck_one_is_reported() {
     let help = run(&["wiring", "--help"]).out;
     let example = help
         .lines()

@@ -60,7 +60,7 @@ fn commands_options_and_machines_are_completed() {
 }
 
 #[test]
-fn pins_terminals_and_signals_of_a_simulated_machine_are_completed() {
+fn pins_terminals_and_signals_of_a_simulation_are_completed() {
     let set = ["mesa", "set", "--sim", "7i92-7i77"];
     let of = |typed: &str| candidates(&[&set[..], &[typed]].concat());
     let outputs: Vec<_> = (0..16).map(|n| format!("7i77.0.0.output-{n:02}")).collect();

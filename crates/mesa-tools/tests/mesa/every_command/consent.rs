@@ -101,7 +101,7 @@ const ASKING: [(&[&str], &str); 13] = [
 ];
 
 #[test]
-fn without_a_terminal_it_says_what_it_would_do_that_nothing_was_done_and_how_to_do_it() {
+fn command_without_a_terminal_shows_the_plan_and_needs_yes() {
     for (arguments, would) in ASKING {
         let run = run(arguments);
         assert_eq!(run.code, Some(2), "{arguments:?}: {run:?}");
@@ -115,7 +115,7 @@ fn without_a_terminal_it_says_what_it_would_do_that_nothing_was_done_and_how_to_
 }
 
 #[test]
-fn what_is_done_without_a_question_is_said_before_it_is_done() {
+fn action_with_yes_is_announced_before_it_is_done() {
     let poke = ["poke", "6:0x14", "0", "--sim", "7i97", "--yes"];
     let run = run(&poke);
     let said = "127.0.0.1:27181: will write 0x0 to 0x0014 of space 6";
@@ -139,7 +139,7 @@ fn no_is_answered_with_what_was_not_done() {
 }
 
 #[test]
-fn a_file_that_is_not_replaced_is_named() {
+fn file_that_is_not_replaced_is_named() {
     let scratch = Scratch::new("consent.toml");
     let save = ["param", "save", scratch.path(), "--sim", "7i92-7i77"];
     done(&save);

@@ -95,7 +95,7 @@ fn failure(arguments: &[&str], code: i32) -> Value {
 }
 
 #[test]
-fn each_command_fails_with_one_json_object_that_has_the_exit_code() {
+fn failing_command_prints_one_json_object_with_its_exit_code() {
     for (arguments, code) in FAILING {
         let json = failure(arguments, code);
         let message = json["message"].as_str().expect("a text");
@@ -113,7 +113,7 @@ fn each_command_fails_with_one_json_object_that_has_the_exit_code() {
 }
 
 #[test]
-fn each_command_is_among_them_and_refuses_an_unknown_option_as_json() {
+fn command_list_is_complete_and_unknown_options_fail_as_json() {
     for command in commands() {
         let fails = |(arguments, _): &(&[&str], i32)| arguments.first() == Some(&&*command);
         assert!(FAILING.iter().any(fails), "{command}");
@@ -130,7 +130,7 @@ fn each_command_is_among_them_and_refuses_an_unknown_option_as_json() {
 }
 
 #[test]
-fn the_advice_is_a_member_of_its_own() {
+fn advice_is_a_member_of_its_own() {
     let json = failure(&["led", "hostmot2", "--sim", "7i97"], 2);
     assert_eq!(json["advice"], "add --yes");
     let json = failure(&["pins", "no-such-pin", "--sim", "7i97"], 1);

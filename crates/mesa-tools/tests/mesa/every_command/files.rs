@@ -58,7 +58,7 @@ fn hostile(kind: &str) -> (Scratch, &'static str) {
 }
 
 #[test]
-fn a_file_that_is_none_is_refused_by_every_command_that_reads_one() {
+fn file_that_is_none_is_refused_by_every_command_that_reads_one() {
     for kind in ["huge", "directory", "pipe", "empty"] {
         let (scratch, said) = hostile(kind);
         for (before, behind) in READERS {
@@ -77,7 +77,7 @@ fn a_file_that_is_none_is_refused_by_every_command_that_reads_one() {
 }
 
 #[test]
-fn a_cabinet_that_an_editor_of_another_system_has_saved_is_read() {
+fn cabinet_that_an_editor_of_another_system_has_saved_is_read() {
     let machine = ["--sim", "7i97,0=7i77-io"];
     for name in ["crlf.toml", "crlf.json"] {
         let scratch = Scratch::new(name);
@@ -92,7 +92,7 @@ fn a_cabinet_that_an_editor_of_another_system_has_saved_is_read() {
 }
 
 #[test]
-fn a_place_for_a_file_that_is_none_is_refused_before_a_board_is_asked() {
+fn invalid_file_path_is_refused_before_a_board_is_accessed() {
     let nowhere = ["--addr", "127.0.0.1:1"];
     let directory = env!("CARGO_MANIFEST_DIR");
     for before in [
@@ -118,7 +118,7 @@ fn a_place_for_a_file_that_is_none_is_refused_before_a_board_is_asked() {
 
 /// Where a terminal is asked for its width by `tput`, a line of a simulator costs two programs.
 #[test]
-fn a_line_that_goes_to_a_pipe_starts_no_program() {
+fn line_that_goes_to_a_pipe_starts_no_program() {
     let folder = Scratch::new("programs");
     fs::create_dir_all(&folder.0).expect("a folder");
     let (program, started) = (folder.0.join("tput"), folder.0.join("started"));
@@ -145,7 +145,7 @@ const WRITERS: [&[&str]; 7] = [
 ];
 
 #[test]
-fn a_file_that_is_there_is_replaced_only_after_a_question() {
+fn file_that_is_there_is_replaced_only_after_a_question() {
     let scratch = Scratch::new("kept.txt");
     fs::write(scratch.path(), "mine").expect("a scratch file");
     for before in WRITERS {
@@ -163,7 +163,7 @@ fn a_file_that_is_there_is_replaced_only_after_a_question() {
 }
 
 #[test]
-fn what_is_beside_a_file_that_is_written_and_where_a_link_leads_stays_as_it_is() {
+fn neighbours_of_a_written_file_and_link_targets_are_unchanged() {
     let (saved, beside) = (
         Scratch::new("cabinet.toml"),
         Scratch::new("cabinet.toml.new"),
@@ -192,7 +192,7 @@ fn what_is_beside_a_file_that_is_written_and_where_a_link_leads_stays_as_it_is()
 }
 
 #[test]
-fn values_and_picture_do_not_take_each_others_place_whatever_they_are_called() {
+fn csv_and_plot_with_the_same_file_by_any_path_are_refused() {
     let scratch = Scratch::new("a.csv");
     let path = &scratch.0;
     let folder = path.parent().expect("a folder");
@@ -216,7 +216,7 @@ fn values_and_picture_do_not_take_each_others_place_whatever_they_are_called() {
 }
 
 #[test]
-fn what_can_not_be_printed_is_an_error_and_is_said_once() {
+fn output_that_cannot_be_printed_is_reported_once_as_an_error() {
     for arguments in [
         &["--help"][..],
         &["flash", "write", "--help"],
@@ -237,7 +237,7 @@ fn what_can_not_be_printed_is_an_error_and_is_said_once() {
 }
 
 #[test]
-fn colours_are_off_where_nobody_wants_them() {
+fn colours_are_off_with_no_color() {
     let help = |wanted: bool| {
         let mut command = command(&["--help"]);
         command.env("CLICOLOR_FORCE", "1");

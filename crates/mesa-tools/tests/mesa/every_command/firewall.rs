@@ -39,7 +39,7 @@ fn private(session: &str) -> Output {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn linuxcnc_that_keeps_the_board_for_itself_is_named_and_the_network_is_left_as_it_is() {
+fn linuxcnc_firewall_is_named_and_no_network_change_advised() {
     for program in ["unshare", "ip", "iptables"] {
         if !has_program(program) {
             return skip(program);

@@ -18,7 +18,7 @@ pub fn commands() -> Vec<String> {
 }
 
 #[test]
-fn the_manual_has_a_page_of_every_command() {
+fn manual_has_a_page_of_every_command() {
     let above = Scratch::new("share");
     let directory = above.0.join("man").join("man1");
     done(&["man", directory.to_str().expect("UTF-8")]);
@@ -30,7 +30,7 @@ fn the_manual_has_a_page_of_every_command() {
 }
 
 #[test]
-fn a_directory_that_can_not_be_made_is_said() {
+fn directory_that_cannot_be_created_is_reported() {
     for directory in ["/proc/at/all", "/dev/null"] {
         let run = run(&["man", directory]);
         assert_eq!(run.code, Some(1), "{run:?}");
@@ -51,7 +51,7 @@ fn bad_usage_ends_with_2_and_nothing_on_standard_output() {
 
 /// Of two entries with one name a parser keeps only the last.
 #[test]
-fn the_schema_names_each_thing_once() {
+fn schema_names_each_thing_once() {
     let schema = include_str!("../../../../../docs/mesa.schema.json");
     let entries = schema.lines().filter_map(|line| {
         let entry = line.strip_prefix("    \"")?;

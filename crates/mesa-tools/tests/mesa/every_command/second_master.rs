@@ -84,7 +84,7 @@ fn begin(board: &mut Board, arguments: &[&str]) -> Process {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_command_that_runs_a_cycle_ends_with_the_reason_and_everything_off() {
+fn second_master_ends_a_cycle_with_a_reason_and_outputs_off() {
     let file = Scratch::new("second-master.csv");
     let never = ["--trigger", "7i77.0.0.input-03", "--timeout", "3600"];
     let scope = [
@@ -113,7 +113,7 @@ fn a_command_that_runs_a_cycle_ends_with_the_reason_and_everything_off() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_screen_ends_with_the_reason() {
+fn screen_ends_with_the_reason() {
     let board = board();
     let arguments = format!("watch --addr {}", board.address);
     let Some(terminal) = Terminal::start("second", &arguments) else {
@@ -128,7 +128,7 @@ fn a_screen_ends_with_the_reason() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_screen_does_not_set_a_board_up_again_that_somebody_else_drives_by_then() {
+fn screen_does_not_set_up_a_board_driven_by_another_program() {
     let mut board = board();
     let arguments = format!("watch --addr {}", board.address);
     let Some(terminal) = Terminal::start("again", &arguments) else {
@@ -154,7 +154,7 @@ fn a_screen_does_not_set_a_board_up_again_that_somebody_else_drives_by_then() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_check_of_the_wiring_ends_with_the_reason_its_report_and_everything_off() {
+fn second_master_ends_wiring_with_reason_report_and_outputs_off() {
     // Long enough for a busy computer: ten outputs, 10 s each.
     let driving = ["*.7i77.0.0.output-0?", "--outputs", "--yes", "--for", "10"];
     for (arguments, waits) in [
@@ -193,7 +193,7 @@ fn a_check_of_the_wiring_ends_with_the_reason_its_report_and_everything_off() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn who_is_asked_and_takes_his_time_is_looked_at_again() {
+fn second_master_is_checked_again_after_a_slow_answer() {
     let board = board();
     let address = board.address;
     let poke = format!("poke 6:0x14 0 --addr {address}");
@@ -222,7 +222,7 @@ fn who_is_asked_and_takes_his_time_is_looked_at_again() {
 /// All boards have the same factory address.
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn what_was_agreed_to_is_not_done_to_another_board_that_has_the_address_by_then() {
+fn consent_is_not_applied_to_another_board_at_the_same_address() {
     let at = free_address();
     let mut first = Board::start(at, &["--board", "7i97"]);
     let address = first.address.to_string();
@@ -245,7 +245,7 @@ fn what_was_agreed_to_is_not_done_to_another_board_that_has_the_address_by_then(
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn who_only_looks_at_a_board_stops_nothing() {
+fn read_only_access_does_not_stop_a_running_command() {
     // mesaflash knows one port only.
     let address = free_address();
     let mut board = Board::start(address, &["--board", "7i92-7i77"]);

@@ -166,7 +166,7 @@ fn ended_soon(what: &str, mut process: Process, signal: &str) -> Run {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn each_command_ends_soon_after_a_signal_while_replies_are_missing() {
+fn command_ends_soon_after_a_signal_while_replies_are_missing() {
     let (backup, page) = (Scratch::new("signals.bin"), Scratch::new("signals.html"));
     let (csv, whole) = (
         Scratch::new("signals.csv"),
@@ -240,7 +240,7 @@ fn each_command_ends_soon_after_a_signal_while_replies_are_missing() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_screen_ends_soon_after_a_signal_while_replies_are_missing() {
+fn screen_ends_soon_after_a_signal_while_replies_are_missing() {
     for (n, network) in FAULTS.into_iter().enumerate() {
         let board = board();
         let relay = Relay::start(board.address, Network::Good);
@@ -261,7 +261,7 @@ fn a_screen_ends_soon_after_a_signal_while_replies_are_missing() {
 /// A remote that is not reached any more is made safe by its own watchdog, and said to be.
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn an_output_goes_off_after_a_signal_while_replies_are_missing() {
+fn output_goes_off_after_a_signal_while_replies_are_missing() {
     for (network, signal) in FAULTS.into_iter().zip(["INT", "TERM", "INT"]) {
         let mut board = impatient_board();
         let relay = Relay::start(board.address, Network::Good);

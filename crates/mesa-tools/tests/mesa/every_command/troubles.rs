@@ -75,7 +75,7 @@ fn masked(line: &str) -> String {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn what_the_page_of_troubles_shows_is_printed() {
+fn commands_print_the_text_of_the_troubleshooting_page() {
     let blocks = PAGE.split("```console\n").skip(1);
     let blocks = blocks.map(|block| block.split_once("```").expect("an end").0);
     let mut commands = 0;

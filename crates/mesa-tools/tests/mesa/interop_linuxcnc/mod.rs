@@ -402,7 +402,7 @@ fn a_7i92_with_a_7i77_runs_at_1_khz() {
 
 /// The commands for the script that the README names, and their results.
 #[test]
-fn the_script_that_the_readme_names_runs_linuxcnc_on_a_simulated_board() {
+fn readme_script_runs_linuxcnc_on_a_simulated_board() {
     if skipped() {
         return;
     }

@@ -26,7 +26,7 @@ fn below_firmware(path: &str) -> String {
 }
 
 #[test]
-fn what_setsserial_writes_is_a_whole_program_and_a_parameter_of_the_simulated_remote() {
+fn setsserial_writes_program_and_parameter_to_simulated_remote() {
     if skipped() {
         return;
     }
@@ -74,7 +74,7 @@ fn what_setsserial_writes_is_a_whole_program_and_a_parameter_of_the_simulated_re
 }
 
 #[test]
-fn what_mesa_param_writes_linuxcnc_reads() {
+fn linuxcnc_reads_parameters_written_by_mesa_param() {
     if skipped() {
         return;
     }

@@ -153,7 +153,7 @@ fn press(machine: &mut Machine, button: &str, signal: &str) {
 }
 
 #[test]
-fn all_of_linuxcnc_runs_with_what_is_written_of_a_7i92_with_a_7i77_and_a_7i72() {
+fn linuxcnc_runs_with_files_written_for_a_7i92_7i77_and_7i72() {
     if skipped() {
         return;
     }

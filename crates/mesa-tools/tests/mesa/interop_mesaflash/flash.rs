@@ -27,7 +27,7 @@ fn backed_up(board: &Board) -> Vec<u8> {
 }
 
 #[test]
-fn a_bitfile_is_written_verified_and_backed_up() {
+fn bitfile_is_written_verified_and_backed_up() {
     if skipped() {
         return;
     }
@@ -88,7 +88,7 @@ fn a_bitfile_is_written_verified_and_backed_up() {
 }
 
 #[test]
-fn mesaflash_and_mesa_write_the_same_boot_block_and_refuse_the_same_others() {
+fn mesaflash_and_mesa_write_and_refuse_the_same_boot_blocks() {
     if skipped() {
         return;
     }
@@ -142,7 +142,7 @@ fn mesaflash_and_mesa_write_the_same_boot_block_and_refuse_the_same_others() {
 }
 
 #[test]
-fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
+fn mesaflash_and_this_crate_verify_each_others_writes() {
     if skipped() {
         return;
     }
@@ -179,7 +179,7 @@ fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
 }
 
 #[test]
-fn the_fallback_area_is_written_when_it_is_asked_for() {
+fn fallback_area_is_written_when_it_is_asked_for() {
     if skipped() {
         return;
     }

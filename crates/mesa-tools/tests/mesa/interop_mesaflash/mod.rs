@@ -261,7 +261,7 @@ baud-rate NVBaudRate
 ";
 
 #[test]
-fn the_revision_that_sserial_prints_is_that_of_the_firmware_that_was_written() {
+fn printed_sserial_revision_is_that_of_the_written_firmware() {
     if skipped() {
         return;
     }
@@ -312,7 +312,7 @@ fn registers_are_read_and_written() {
 }
 
 #[test]
-fn an_ip_address_is_set_and_stays_in_the_state_file() {
+fn ip_address_is_set_and_stays_in_the_state_file() {
     if skipped() {
         return;
     }

@@ -93,7 +93,7 @@ fn assert_safe_and_stopped(board: &mut Board) {
 }
 
 #[test]
-fn a_signal_ends_the_servo_loop_with_all_outputs_off_ports_stopped_and_a_summary() {
+fn signal_ends_the_servo_loop_with_outputs_off_and_a_summary() {
     let boards: [(&[&str], &[&str]); 2] = [
         (
             &I7I97,
@@ -140,7 +140,7 @@ fn a_signal_ends_the_servo_loop_with_all_outputs_off_ports_stopped_and_a_summary
 }
 
 #[test]
-fn a_signal_ends_the_loop_on_the_embedded_machine_with_a_summary() {
+fn signal_ends_the_loop_on_the_embedded_machine_with_a_summary() {
     let mut child = start("servo_bench", None, &["--seconds", "600", "--realtime"]);
     std::thread::sleep(Duration::from_millis(1500));
     child.signal("INT");
@@ -151,7 +151,7 @@ fn a_signal_ends_the_loop_on_the_embedded_machine_with_a_summary() {
 }
 
 #[test]
-fn a_signal_ends_the_other_tools_with_the_ports_stopped_and_what_they_have_found() {
+fn signal_ends_other_tools_with_ports_stopped_and_results_shown() {
     let address = Ipv4Addr::new(127, 94, 0, 11);
     let mut board = Board::start(address, &I7I97);
     let received = |board: &mut Board| {
@@ -184,7 +184,7 @@ fn a_signal_ends_the_other_tools_with_the_ports_stopped_and_what_they_have_found
 }
 
 #[test]
-fn nobody_who_reads_is_no_reason_to_panic_or_to_stop() {
+fn unread_output_causes_no_panic_and_no_early_end() {
     let address = Ipv4Addr::new(127, 94, 0, 12);
     let _board = Board::start(address, &I7I97);
     let on_board: [(&str, &[&str]); 2] = [
@@ -229,7 +229,7 @@ fn cycles(printed: &str) -> (u64, u64) {
 }
 
 #[test]
-fn with_its_field_io_missing_a_7i77_does_not_hold_whatever_its_axes_do() {
+fn missing_field_io_fails_a_7i77_run_however_its_axes_move() {
     let address = Ipv4Addr::new(127, 94, 0, 13);
     let mut board = Board::start(address, &I7I92);
     let run = ["--seconds", "2", "--rate", "200", "--watchdog", "1000"];
@@ -261,7 +261,7 @@ fn with_its_field_io_missing_a_7i77_does_not_hold_whatever_its_axes_do() {
 }
 
 #[test]
-fn when_the_board_dies_the_summary_is_printed_and_counts_no_more_failures_than_cycles() {
+fn summary_after_board_loss_has_no_more_failures_than_cycles() {
     let address = Ipv4Addr::new(127, 94, 0, 14);
     let mut board = Board::start(address, &I7I97);
     let child = start("servo_bench", Some(address), &LONG);
@@ -281,7 +281,7 @@ fn when_the_board_dies_the_summary_is_printed_and_counts_no_more_failures_than_c
 /// `tests/ethernet/bad_network.rs` verifies on virtual time that the driving program is not
 /// disturbed.
 #[test]
-fn a_board_that_somebody_drives_is_left_to_him() {
+fn board_driven_by_another_program_is_left_alone() {
     let address = Ipv4Addr::new(127, 94, 0, 15);
     let mut board = Board::start(address, &I7I97);
     let mut first = start("servo_bench", Some(address), &LONG);

@@ -84,7 +84,7 @@ fn six_loops_hold_while_packets_are_lost_late_and_duplicate() {
 }
 
 #[test]
-fn six_loops_hold_on_a_7i97_alone_and_with_remotes_whoever_paces_them() {
+fn six_loops_hold_on_a_7i97_alone_and_with_remotes_at_any_pace() {
     let address = Ipv4Addr::new(127, 97, 0, 4);
     let printed = holds(address, &I7I97, &[]);
     assert!(printed.contains("analog outputs of the 7I97"), "{printed}");

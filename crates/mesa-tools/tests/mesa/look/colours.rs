@@ -47,7 +47,7 @@ fn without_colours(text: &str) -> String {
 }
 
 #[test]
-fn verdicts_are_coloured_on_a_terminal_and_the_words_are_those_of_a_pipe() {
+fn verdicts_are_coloured_on_a_terminal_with_the_words_of_a_pipe() {
     let info = ["info", "--sim", "7i97"];
     let coloured = on_a_terminal(&info, "");
     assert!(coloured.starts_with("\x1b[32min order"), "{coloured}");

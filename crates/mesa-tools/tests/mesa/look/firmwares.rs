@@ -18,7 +18,7 @@ const MIRRORS: &str = "XY2Mod (2B) version 0, 1 instance: the driver does not su
     plain I/O";
 
 #[test]
-fn a_module_that_is_not_driven_is_named_with_its_pins_by_info_and_hal() {
+fn undriven_module_is_named_with_its_pins_by_info_and_hal() {
     let path = image("7I92-7I76XY2Modx1D_34");
     let found = json(&["info", "--sim", &path]);
     assert_eq!(found["findings"], Value::from(vec![MIRRORS]));
@@ -30,7 +30,7 @@ fn a_module_that_is_not_driven_is_named_with_its_pins_by_info_and_hal() {
 }
 
 #[test]
-fn local_pins_and_what_is_behind_the_modules_are_in_the_tables_and_nothing_to_look_at() {
+fn local_pins_and_trailing_data_are_listed_with_no_finding() {
     let path = image("7I97-7I97D_51");
     let found = json(&["info", "--sim", &path]);
     assert_eq!(found["findings"], Value::from(Vec::<String>::new()));
@@ -48,7 +48,7 @@ fn local_pins_and_what_is_behind_the_modules_are_in_the_tables_and_nothing_to_lo
 }
 
 #[test]
-fn an_instance_of_none_is_in_the_table_only() {
+fn instance_of_none_is_in_the_table_only() {
     let found = json(&["info", "--sim", &image("5I25-PktUART1inst_34-2016")]);
     let findings = found["findings"].to_string();
     assert!(

@@ -30,7 +30,7 @@ fn json(arguments: &[&str]) -> Value {
 }
 
 #[test]
-fn step_and_direction_have_the_terminals_of_the_card_on_the_connector() {
+fn step_and_direction_have_the_terminals_of_the_connected_card() {
     let of = |machine: &str, pin: &str| {
         let text = done(&["info", "--sim", machine]);
         let mut lines = text.lines().filter(|line| line.contains(pin));
@@ -85,7 +85,7 @@ fn each_serial_port_of_a_firmware_takes_remotes() {
 }
 
 #[test]
-fn the_simulated_machine_is_listed_with_its_terminals_and_parameters() {
+fn simulated_machine_is_listed_with_terminals_and_parameters() {
     let output = info(&["--sim", SIM]);
     assert!(output.status.success(), "{output:?}");
     let text = String::from_utf8_lossy(&output.stdout);
@@ -104,7 +104,7 @@ fn the_simulated_machine_is_listed_with_its_terminals_and_parameters() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn an_ethernet_board_is_listed_for_programs() {
+fn ethernet_board_is_listed_for_programs() {
     let address = free_address();
     let board = Board::start(address, &["--board", "7i97", "--remote", "0=7i77-io:2"]);
     let inventory = json(&["--addr", &address.to_string(), "--mode", "0.0=2"]);
@@ -132,7 +132,7 @@ fn an_ethernet_board_is_listed_for_programs() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn what_a_person_should_look_at_is_on_top() {
+fn findings_for_the_user_are_at_the_top() {
     let arguments = ["--board", "7i97", "--remote", "0=7i77-io", "--port", "0"];
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &arguments);
     let address = board.address.to_string();
@@ -178,7 +178,7 @@ fn what_a_person_should_look_at_is_on_top() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn what_a_program_left_that_was_killed_is_said_once_and_a_watchdog_that_leaves_outputs_on() {
+fn state_after_a_kill_is_reported_once_and_a_slow_watchdog_too() {
     let mut board = crate::check::set::board();
     let address = board.address.to_string();
     let found = |address: &str| json(&["--addr", address])["findings"].to_string();
@@ -210,7 +210,7 @@ fn what_a_program_left_that_was_killed_is_said_once_and_a_watchdog_that_leaves_o
 }
 
 #[test]
-fn where_nothing_answers_it_says_so_and_what_to_do() {
+fn unreachable_address_is_reported_with_advice() {
     let output = info(&["--addr", "127.93.0.2"]);
     let text = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{text}");
@@ -222,7 +222,7 @@ fn where_nothing_answers_it_says_so_and_what_to_do() {
 }
 
 #[test]
-fn a_silent_address_and_a_host_that_is_no_board_are_told_apart() {
+fn silent_address_and_a_host_that_is_no_board_are_distinguished() {
     let (nobody, another) = (free_address(), free_address());
     let at = |address| std::net::UdpSocket::bind((address, mesa_hal::lbp16::PORT)).expect("free");
     let (_silent, service) = (at(nobody), at(another));
@@ -252,7 +252,7 @@ fn a_silent_address_and_a_host_that_is_no_board_are_told_apart() {
 }
 
 #[test]
-fn arguments_that_make_no_sense_are_said_and_not_ignored() {
+fn invalid_arguments_are_refused_and_not_ignored() {
     for (arguments, code, said) in [
         (&["--addr", "somewhere"][..], 2, "is no IPv4 address"),
         (&[], 2, "which board?"),
@@ -286,7 +286,7 @@ fn arguments_that_make_no_sense_are_said_and_not_ignored() {
 }
 
 #[test]
-fn a_mode_that_a_remote_has_not_is_not_in_order() {
+fn mode_that_a_remote_has_not_is_not_in_order() {
     for (machine, mode, said) in [
         ("7i97", "0.0=2", "nothing started in software mode 2"),
         (SIM, "0.0=77", "software mode 77 is not one of"),
@@ -316,7 +316,7 @@ fn a_mode_that_a_remote_has_not_is_not_in_order() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn half_a_card_is_not_in_order_and_neither_is_one_in_its_bootloader() {
+fn half_a_card_and_a_card_in_its_bootloader_are_not_in_order() {
     let mut board = Board::start(
         Ipv4Addr::LOCALHOST,
         &["--board", "7i92-7i77", "--port", "0"],
@@ -380,7 +380,7 @@ fn half_a_card_is_not_in_order_and_neither_is_one_in_its_bootloader() {
 }
 
 #[test]
-fn a_reader_that_has_seen_enough_is_no_error() {
+fn reader_that_has_seen_enough_is_no_error() {
     for arguments in [&["--sim", SIM][..], &["--sim", SIM, "--json"]] {
         let mut child = Command::new(mesa())
             .arg("info")

@@ -68,7 +68,7 @@ fn boards_in_a_range_are_found_with_who_they_are() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_board_gets_two_packets_at_most() {
+fn board_gets_two_packets_at_most() {
     let address = Ipv4Addr::new(127, 94, 2, 1);
     let mut board = Board::start(address, &["--board", "7i97"]);
     let before = board.console.show("network");
@@ -83,7 +83,7 @@ fn a_board_gets_two_packets_at_most() {
 }
 
 #[test]
-fn where_there_is_none_it_says_why_and_what_to_do() {
+fn missing_board_is_reported_with_reason_and_advice() {
     let address = free_address();
     let silent = UdpSocket::bind((address, lbp16::PORT)).expect("free");
     let run = run(&["list", &address.to_string()]);
@@ -104,7 +104,7 @@ fn where_there_is_none_it_says_why_and_what_to_do() {
 
 #[test]
 #[cfg(target_endian = "little")]
-fn the_interface_that_is_down_is_named_and_not_that_of_the_office() {
+fn interface_that_is_down_is_named_and_not_that_of_the_office() {
     let root = Path::new(env!("CARGO_TARGET_TMPDIR"));
     let root = root.join(format!("{}-list", std::process::id()));
     let file = |path: &str, text: &str| {
@@ -166,7 +166,7 @@ fn ranges_that_make_no_sense_are_refused() {
 }
 
 #[test]
-fn a_signal_ends_it_with_what_was_found_so_far() {
+fn signal_ends_it_with_what_was_found_so_far() {
     // Silent addresses take their time.
     let silent = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).expect("free");
     let port = silent.local_addr().expect("bound").port().to_string();

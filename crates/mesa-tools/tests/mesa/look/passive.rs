@@ -71,7 +71,7 @@ impl Driven {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_running_machine_is_looked_at_without_a_write_and_its_driver_goes_on() {
+fn passive_inspection_writes_nothing_and_the_driver_goes_on() {
     let mut driven = Driven::start();
     let address = driven.address.clone();
     let refused = run(&["info", "--addr", &address]);
@@ -143,7 +143,7 @@ fn a_running_machine_is_looked_at_without_a_write_and_its_driver_goes_on() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_screen_of_a_running_machine_shows_its_registers_and_how_often_it_looks() {
+fn passive_screen_shows_registers_and_its_read_rate() {
     let driven = Driven::start();
     let arguments = format!("watch --passive --every 200ms --addr {}", driven.address);
     let Some(terminal) = Terminal::start("passive", &arguments) else {
@@ -169,7 +169,7 @@ fn the_screen_of_a_running_machine_shows_its_registers_and_how_often_it_looks() 
 }
 
 #[test]
-fn a_simulated_board_in_the_command_itself_can_be_looked_at_too() {
+fn simulated_board_in_the_command_itself_can_be_looked_at_too() {
     let text = done(&["info", "--passive", "--sim", "7i92-7i77"]);
     assert!(
         text.contains("MESA7I92, no other program sends packets"),

@@ -76,7 +76,7 @@ fn inputs_are_as_they_are_on_the_board() {
 }
 
 #[test]
-fn a_pattern_chooses_by_name_terminal_or_signal() {
+fn pattern_chooses_by_name_terminal_or_signal() {
     let lines = |pattern: &str| {
         let run = run(&["pins", pattern, "--sim", "7i92-7i77"]);
         assert_eq!(run.code, Some(0), "{run:?}");
@@ -142,7 +142,7 @@ fn a_pattern_chooses_by_name_terminal_or_signal() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_signal_ends_it_with_the_board_stopped() {
+fn signal_ends_it_with_the_board_stopped() {
     let mut board = Board::start(
         Ipv4Addr::LOCALHOST,
         &["--board", "7i92-7i77", "--port", "0"],
@@ -172,7 +172,7 @@ fn a_signal_ends_it_with_the_board_stopped() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_board_that_dies_meanwhile_is_the_reason_why_nothing_is_printed() {
+fn board_that_dies_is_reported_and_no_pins_are_printed() {
     let card = ["--board", "7i92-7i77", "--port", "0"];
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &card);
     let address = board.address.to_string();

@@ -10,7 +10,7 @@ use crate::setup::restart::{Between, between};
 const QUESTIONS: [&str; 2] = ["01420001", "82492000"];
 
 #[test]
-fn the_questions_of_the_manual_are_answered_and_taken_apart() {
+fn questions_of_the_manual_are_answered_and_taken_apart() {
     let text = done(&["raw", QUESTIONS[0], QUESTIONS[1], "--sim", "7i97"]);
     let expected = "\
 sent      0142000182492000
@@ -26,7 +26,7 @@ read  2 x 16 bits, space 2 (EEPROM) at 0x0020: 0x0001 0x7F00
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn what_writes_needs_consent_and_is_executed_once() {
+fn raw_write_needs_consent_and_is_executed_once() {
     let board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
     let address = board.address.to_string();
     // Manual: 7I97, "ELBPCOM": the IP address in the EEPROM becomes 192.168.0.1.
@@ -57,7 +57,7 @@ fn what_writes_needs_consent_and_is_executed_once() {
 }
 
 #[test]
-fn what_is_no_packet_is_refused_and_nothing_is_sent() {
+fn invalid_packet_is_refused_and_nothing_is_sent() {
     let long = "01420001".repeat(369);
     for (hex, said) in [
         ("0142000", "odd number of digits"),
@@ -80,7 +80,7 @@ fn what_is_no_packet_is_refused_and_nothing_is_sent() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn no_reply_is_said_and_ctrl_c_ends_the_waiting() {
+fn missing_reply_is_reported_and_ctrl_c_ends_the_wait() {
     let board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
     // The board answers the identification, and nothing after it.
     let Between { address, losses } = between(&board, &[0x01, 0x42, 0x00, 0x01], false);

@@ -51,7 +51,7 @@ fn registers_have_names_and_modules_have_all_theirs() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn what_is_written_needs_consent_is_read_back_and_is_there() {
+fn poke_needs_consent_is_read_back_and_takes_effect() {
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
     let address = board.address.to_string();
     // Source of the LEDs, and a register for free use.
@@ -94,7 +94,7 @@ fn what_is_written_needs_consent_is_read_back_and_is_there() {
 }
 
 #[test]
-fn what_is_no_register_or_no_value_of_one_is_said() {
+fn invalid_registers_and_values_are_refused_with_the_reason() {
     for (arguments, code, said) in [
         (&["peek", "0"][..], 2, "no SPACE:ADDRESS"),
         (&["peek", "8:0"], 2, "`8` is no space"),
@@ -158,7 +158,7 @@ fn what_is_no_register_or_no_value_of_one_is_said() {
 }
 
 #[test]
-fn a_reader_that_has_seen_enough_is_no_error() {
+fn reader_that_has_seen_enough_is_no_error() {
     let child = command(&["peek", "0:0", "16384", "--any", "--sim", "7i97"]).spawn();
     let mut process = Process::new(child.expect("mesa starts"));
     process.stop_reading();

@@ -29,7 +29,7 @@ fn switch_until_it_ends(board: &mut Board, scope: &mut Process) {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_cycles_around_a_switch_and_a_turning_motor_are_recorded() {
+fn cycles_around_a_switch_and_a_turning_motor_are_recorded() {
     let mut board = board();
     let (csv, svg) = (Scratch::new("scope.csv"), Scratch::new("scope.svg"));
     let address = board.address.to_string();
@@ -178,7 +178,7 @@ fn lost_packets_are_named_with_the_number_that_the_board_has() {
 }
 
 #[test]
-fn a_pin_that_a_software_mode_adds_is_recorded_in_that_mode() {
+fn pin_that_a_software_mode_adds_is_recorded_in_that_mode() {
     let csv = Scratch::new("mode.csv");
     let scope = ["scope", "fieldvoltage", "--trigger", "input-02"];
     let rest = ["--sim", "7i92-7i77", "--timeout", "1", "--csv", csv.path()];
@@ -196,7 +196,7 @@ fn a_pin_that_a_software_mode_adds_is_recorded_in_that_mode() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn without_its_trigger_nothing_is_written() {
+fn no_file_is_written_without_the_trigger() {
     let csv = Scratch::new("never.csv");
     let sim = [
         "--trigger",
@@ -246,7 +246,7 @@ fn without_its_trigger_nothing_is_written() {
 }
 
 #[test]
-fn what_makes_no_sense_is_refused_and_says_what_would() {
+fn invalid_arguments_are_refused_with_the_allowed_values() {
     let csv = Scratch::new("refused.csv");
     let rest = ["--sim", "7i92-7i77", "--csv", csv.path()];
     for (arguments, code, said) in [

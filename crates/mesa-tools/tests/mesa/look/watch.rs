@@ -15,7 +15,7 @@ fn value(text: &str, pin: &str) -> Option<String> {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_screen_follows_the_board_and_ends_with_the_terminal_restored() {
+fn screen_follows_the_board_and_ends_with_the_terminal_restored() {
     let arguments = ["--board", "7i92-7i77", "--port", "0"];
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &arguments);
     let arguments = format!("watch --addr {}", board.address);
@@ -130,7 +130,7 @@ fn terminals_come_first_and_are_whole_on_narrow_screens() {
 /// The truth is the board: it is one that lost its power once, or none.
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_board_that_is_switched_off_and_on_was_reset_once_and_nothing_is_known_meanwhile() {
+fn power_cycle_counts_one_reset_and_state_is_unknown_meanwhile() {
     let arguments = ["--board", "7i92-7i77", "--port", "0"];
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &arguments);
     let address = board.address;
@@ -188,7 +188,7 @@ fn control_c_and_a_signal_end_it_too() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn it_ends_when_its_terminal_is_closed() {
+fn watch_ends_when_its_terminal_is_closed() {
     let Some(terminal) = Terminal::start("closed", "watch --sim 7i97 inmux") else {
         return;
     };
@@ -197,7 +197,7 @@ fn it_ends_when_its_terminal_is_closed() {
 }
 
 #[test]
-fn without_a_terminal_it_says_what_to_use_instead() {
+fn missing_terminal_is_reported_with_the_alternative() {
     let shown = run(&["watch", "--sim", "7i97"]);
     assert_eq!(shown.code, Some(2), "{shown:?}");
     assert!(

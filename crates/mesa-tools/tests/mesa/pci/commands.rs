@@ -7,7 +7,7 @@ use crate::run::{done, hold_against_schema, json, run};
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_inventory_has_the_remotes_of_the_card_and_no_ethernet_side() {
+fn inventory_has_the_remotes_of_the_card_and_no_ethernet_side() {
     let board = PciBoard::start(&["--board", "5i25-7i77-7i76"]);
     let found = json(&["info", "--pci", board.folder()]);
     assert!(found["ethernet"].is_null());
@@ -82,7 +82,7 @@ fn pins_registers_and_files_for_linuxcnc_come_over_the_bus() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn step_generators_beside_servo_axes_are_driven_and_have_the_terminals_of_the_7i76() {
+fn stepgens_beside_servo_axes_are_driven_at_7i76_terminals() {
     let board = PciBoard::start(&["--board", "5i25-7i77-7i76"]);
     let text = done(&["info", "--pci", board.folder()]);
     let line = |pin: &str| {
@@ -118,7 +118,7 @@ fn step_generators_beside_servo_axes_are_driven_and_have_the_terminals_of_the_7i
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_second_program_is_refused_and_names_the_first() {
+fn second_program_is_refused_and_names_the_first() {
     let board = PciBoard::start(&["--board", "5i25-7i77"]);
     let found = search(board.folder().as_ref()).expect("boards");
     let bus = found[0].open().expect("the board");
@@ -135,7 +135,7 @@ const GATEWARE: &str = include_str!("../../../../../docs/gateware.md");
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_doctor_looks_at_slot_and_bus_and_gathers_what_confirms_them() {
+fn doctor_looks_at_slot_and_bus_and_gathers_what_confirms_them() {
     let board = PciBoard::start(&["--board", "5i25-7i77"]);
     let report = crate::interop::Scratch::new("report.json");
     let run = run(&[
@@ -232,7 +232,7 @@ fn commands_of_the_ethernet_side_are_refused_with_the_reason() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_board_that_is_not_there_is_an_error_with_the_way_to_find_it() {
+fn board_that_is_not_there_is_an_error_with_the_way_to_find_it() {
     let empty = crate::interop::Scratch::new("empty");
     std::fs::create_dir(&empty.0).expect("a folder");
     let none = run(&["info", "--pci", empty.path()]);

@@ -14,7 +14,7 @@ const SIM: [&str; 2] = ["--sim", "5i25-7i77"];
 const USER: usize = 0x08_0000;
 
 #[test]
-fn a_backup_has_the_bytes_of_the_chip_and_is_compared_and_restored() {
+fn backup_equals_the_chip_and_is_compared_and_restored() {
     let backup = Scratch::new("pci-backup.bin");
     done(&[&["flash", "backup", backup.path()][..], &SIM].concat());
     let mut bytes = fs::read(&backup.0).expect("a backup");
@@ -29,7 +29,7 @@ fn a_backup_has_the_bytes_of_the_chip_and_is_compared_and_restored() {
 }
 
 #[test]
-fn a_configuration_is_written_and_one_for_ethernet_is_refused() {
+fn configuration_is_written_and_one_for_ethernet_is_refused() {
     let design = |name: &str| bitfile(name, PART, &configuration(3000));
     for (name, is_own) in [
         ("fivei25_7i77x2.ncd", true),
@@ -49,7 +49,7 @@ fn a_configuration_is_written_and_one_for_ethernet_is_refused() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_bitfile_is_written_and_verified_through_mapped_memory() {
+fn bitfile_is_written_and_verified_through_mapped_memory() {
     let state = Scratch::new("pci-state");
     let board = PciBoard::start(&["--board", "5i25-7i77", "--state", state.path()]);
     let bit = file(

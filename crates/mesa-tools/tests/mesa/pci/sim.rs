@@ -8,7 +8,7 @@ use crate::run::{hold_against_schema, run};
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn it_makes_a_board_in_a_folder_and_removes_it_at_its_end() {
+fn simulator_creates_a_board_folder_and_removes_it_at_its_end() {
     let board = PciBoard::start(&["--board", "5i25-7i77"]);
     let device = format!("{}/bus/pci/devices/0000:05:00.0", board.folder());
     let text = std::fs::read_to_string(format!("{device}/device"));
@@ -51,7 +51,7 @@ fn several_boards_have_an_address_each() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_board_that_is_not_on_the_pci_bus_and_a_folder_in_use_are_refused() {
+fn non_pci_board_and_a_folder_in_use_are_refused() {
     let board = PciBoard::start(&["--board", "5i25-7i77x2"]);
     let again = run(&["sim", "--board", "5i25-7i77", "--pci", board.folder()]);
     assert_eq!(again.code, Some(1), "{again:?}");

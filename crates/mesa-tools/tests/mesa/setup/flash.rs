@@ -66,7 +66,7 @@ pub fn backup(address: &str, name: &str) -> (Scratch, Vec<u8>) {
 }
 
 #[test]
-fn a_simulated_board_comes_with_what_can_be_backed_up_restored_and_loaded() {
+fn simulated_board_has_contents_to_back_up_restore_and_reload() {
     for machine in ["7i97", "7i92-7i77"] {
         let file = Scratch::new("flash-of-sim.bin");
         done(&["flash", "backup", file.path(), "--sim", machine]);
@@ -93,7 +93,7 @@ fn a_simulated_board_comes_with_what_can_be_backed_up_restored_and_loaded() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_configuration_is_written_verified_backed_up_and_restored() {
+fn configuration_is_written_verified_backed_up_and_restored() {
     let (board, address) = board();
     let data = configuration(70_000);
     let (good, other) = (
@@ -169,7 +169,7 @@ fn a_configuration_is_written_verified_backed_up_and_restored() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_backup_is_restored_and_the_fallback_only_where_it_is_named() {
+fn backup_is_restored_and_the_fallback_only_where_it_is_named() {
     let (board, address) = board();
     give_boot_block_and_fallback(&board);
     let (good, other) = (
@@ -235,7 +235,7 @@ fn a_backup_is_restored_and_the_fallback_only_where_it_is_named() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn what_is_not_for_this_board_is_refused_before_anything_is_erased() {
+fn file_for_another_board_is_refused_before_anything_is_erased() {
     let (board, address) = board();
     give_boot_block_and_fallback(&board);
     let (_, before) = backup(&address, "flash-before.bin");
@@ -327,7 +327,7 @@ fn what_is_not_for_this_board_is_refused_before_anything_is_erased() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_user_area_is_written_only_beside_a_fallback_unless_that_is_allowed() {
+fn user_area_needs_a_fallback_unless_explicitly_allowed() {
     let (board, address) = board();
     put(&board, Area::BootBlock, &FlashLayout::I7I97.boot_page());
     let good = file(
@@ -406,7 +406,7 @@ fn begun_over<R>(
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn ctrl_c_in_the_middle_finishes_the_area_and_says_so() {
+fn ctrl_c_during_a_write_finishes_the_area_and_reports_it() {
     let (_board, mut process, good, address) = begun("flash-ctrl-c");
     process.signal("INT");
     let ended = Run::from(process.output());
@@ -431,7 +431,7 @@ fn assert_names_the_state(ended: &Run) {
 /// of the memory is named.
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_signal_and_then_silence_ends_a_write_with_the_state_of_the_memory() {
+fn signal_then_silence_ends_a_write_with_the_memory_state() {
     let (_board, mut process, _file, relay) = begun_over("flash-signal", |board| {
         let relay = Relay::start(board.address, Network::Good);
         (relay.address, relay)
@@ -444,7 +444,7 @@ fn a_signal_and_then_silence_ends_a_write_with_the_state_of_the_memory() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_write_that_is_cut_off_says_what_the_memory_holds_and_a_backup_leaves_no_half_file() {
+fn cut_off_write_shows_memory_state_and_a_backup_leaves_no_file() {
     let (mut board, process, ..) = begun("flash-cut");
     board.kill();
     let ended = Run::from(process.output());
@@ -466,7 +466,7 @@ fn a_write_that_is_cut_off_says_what_the_memory_holds_and_a_backup_leaves_no_hal
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn what_mesaflash_writes_mesa_verifies_and_the_other_way_round() {
+fn mesa_and_mesaflash_verify_each_others_writes() {
     if !has_program("mesaflash") {
         return skip("mesaflash is not installed");
     }

@@ -10,7 +10,7 @@ use crate::run::{done, json, run};
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_boot_block_that_is_not_valid_is_refused_and_written_where_that_is_asked_for() {
+fn invalid_boot_block_is_refused_and_written_on_request() {
     let (board, address) = board();
     let good = file(
         "flash-boot.bit",
@@ -68,7 +68,7 @@ fn a_boot_block_that_is_not_valid_is_refused_and_written_where_that_is_asked_for
 }
 
 #[test]
-fn a_t_board_is_named_as_such_and_left_to_mesaflash() {
+fn t_board_is_named_as_such_and_left_to_mesaflash() {
     let backup = Scratch::new("flash-t.bin");
     let refused = run(&["flash", "backup", backup.path(), "--sim", "7i97t"]);
     assert_eq!(refused.code, Some(1), "{refused:?}");

@@ -36,7 +36,7 @@ fn has(text: &str, lines: &[&str]) {
 }
 
 #[test]
-fn every_pin_has_a_signal_with_its_terminal_and_drive_enables_have_none() {
+fn all_pins_except_drive_enables_have_a_signal_and_terminal() {
     let found = json(&[
         "hal",
         "--sim",
@@ -131,7 +131,7 @@ fn outputs_that_dither_here_do_so_in_linuxcnc() {
 
 /// The drive's times, and each letter of an axis with two motors, once.
 #[test]
-fn the_given_axes_have_joints_and_no_other_output_has_one() {
+fn given_axes_have_joints_and_no_other_output_has_one() {
     let found = json(&["hal", "--sim", "7i92-7i76", "--axes", "xyyz"]);
     let ini = text(&found, "machine.ini");
     has(
@@ -229,7 +229,7 @@ fn validity_of_every_card_is_in_the_chain_of_mesa_eth() {
 
 /// 7 and 8 encoders of that firmware share inputs that are at no terminal of a 7I77.
 #[test]
-fn an_encoder_without_a_terminal_has_no_line() {
+fn encoder_without_a_terminal_has_no_line() {
     let firmware = concat!(
         env!("CARGO_MANIFEST_DIR"),
         "/../../tests/transcripts/firmwares/7I92-7I77_7I76D_34.txt"
@@ -257,7 +257,7 @@ fn positions_are_sampled_by_a_timer_where_there_is_one() {
 }
 
 #[test]
-fn a_board_without_servo_outputs_has_a_joint_that_follows_itself() {
+fn board_without_servo_outputs_has_a_joint_that_follows_itself() {
     let found = json(&["hal", "--sim", "7i92-7i77,1=7i72"]);
     let motion = text(&found, "motion.hal");
     has(
@@ -273,7 +273,7 @@ fn a_board_without_servo_outputs_has_a_joint_that_follows_itself() {
 }
 
 #[test]
-fn step_generators_are_joints_with_their_settings_and_are_not_enabled() {
+fn step_generators_are_joints_with_settings_and_not_enabled() {
     let found = json(&["hal", "--sim", "7i92-7i76"]);
     let board = text(&found, "board.hal");
     has(
@@ -329,7 +329,7 @@ fn step_generators_are_joints_with_their_settings_and_are_not_enabled() {
 
 /// LinuxCNC has nine joints here: no axis beyond them, and no spindle, is enabled with one of them.
 #[test]
-fn an_enable_that_belongs_to_no_joint_has_a_signal_of_its_own() {
+fn enable_that_belongs_to_no_joint_has_a_signal_of_its_own() {
     let found = json(&["hal", "--sim", "5i25-7i77-7i76"]);
     let board = text(&found, "board.hal");
     has(
@@ -344,7 +344,7 @@ fn an_enable_that_belongs_to_no_joint_has_a_signal_of_its_own() {
 }
 
 #[test]
-fn the_program_is_the_one_that_is_compiled_here() {
+fn program_is_the_one_that_is_compiled_here() {
     for (machine, name) in [
         ("7i92-7i77", "hal_skeleton"),
         ("5i25-7i77", "hal_skeleton_pci"),
@@ -362,7 +362,7 @@ fn the_program_is_the_one_that_is_compiled_here() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_program_runs_until_a_signal_and_enables_no_drive() {
+fn program_runs_until_a_signal_and_enables_no_drive() {
     let mut board = Board::start(
         Ipv4Addr::LOCALHOST,
         &["--board", "7i92-7i77", "--port", "0"],
@@ -448,7 +448,7 @@ fn files_are_replaced_only_when_that_is_asked_for() {
 }
 
 #[test]
-fn without_a_directory_everything_is_printed() {
+fn all_files_are_printed_without_a_directory() {
     let printed = done(&["hal", "--sim", "7i97"]);
     let mut rest = &*printed;
     for name in NAMES {
@@ -466,7 +466,7 @@ fn without_a_directory_everything_is_printed() {
 }
 
 #[test]
-fn what_can_not_be_done_is_said() {
+fn unreachable_board_and_unwritable_directory_are_reported() {
     let silent = run(&["hal", "--addr", "127.93.9.1"]);
     assert_eq!(silent.code, Some(1), "{silent:?}");
     assert!(silent.err.contains("127.93.9.1:27181: "), "{silent:?}");
@@ -485,7 +485,7 @@ fn what_can_not_be_done_is_said() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_signal_ends_it_with_nothing_written_and_the_board_stopped() {
+fn signal_ends_it_with_nothing_written_and_the_board_stopped() {
     // Late replies, to slow the command down.
     let slow = ["--board", "7i92-7i77", "--port", "0", "--late", "0.5"];
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &slow);

@@ -13,7 +13,7 @@ fn board() -> (Board, String) {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn addresses_are_shown_and_set_with_consent_and_it_says_what_is_left_to_do() {
+fn addresses_are_shown_and_set_with_consent_and_next_steps() {
     let (_board, address) = board();
     let shown = json(&["ip", "--addr", &address]);
     assert_eq!(
@@ -64,7 +64,7 @@ fn addresses_are_shown_and_set_with_consent_and_it_says_what_is_left_to_do() {
 }
 
 #[test]
-fn what_is_no_address_of_a_host_is_refused() {
+fn invalid_host_address_is_refused() {
     for (arguments, said) in [
         (&["10.10.10"][..], "invalid value '10.10.10'"),
         (&["0.0.0.0"], "no address of a single host"),

@@ -7,7 +7,7 @@ use crate::run::{done, json, run};
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_leds_are_given_to_hostmot2_now_and_after_a_restart() {
+fn leds_are_given_to_hostmot2_now_and_after_a_restart() {
     let board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
     let address = board.address.to_string();
     let shown = json(&["led", "--addr", &address]);
@@ -41,7 +41,7 @@ fn the_leds_are_given_to_hostmot2_now_and_after_a_restart() {
 }
 
 #[test]
-fn which_board_and_which_mode_must_make_sense() {
+fn unknown_board_or_led_mode_is_refused() {
     for (arguments, said) in [
         (&["led"][..], "which board?"),
         (&["led", "--sim", "7i76"], "no machine `7i76`"),

@@ -21,7 +21,7 @@ fn board() -> Board {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_parameter_of_a_board_is_listed_read_and_written_by_name() {
+fn parameter_of_a_board_is_listed_read_and_written_by_name() {
     let mut board = board();
     let address = board.address.to_string();
     let at = ["--addr", &address];
@@ -78,7 +78,7 @@ fn a_parameter_of_a_board_is_listed_read_and_written_by_name() {
 }
 
 #[test]
-fn what_can_not_be_read_or_written_is_refused_with_the_reason() {
+fn impossible_reads_and_writes_are_refused_with_the_reason() {
     let machine = "7i97,0=7i77-io";
     for (arguments, code, said) in [
         (&["get", "nothing"][..], 1, "param list"),
@@ -120,7 +120,7 @@ fn what_can_not_be_read_or_written_is_refused_with_the_reason() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_cabinet_is_saved_and_restored() {
+fn cabinet_is_saved_and_restored() {
     let mut board = board();
     let address = board.address.to_string();
     let at = ["--addr", &address];
@@ -217,7 +217,7 @@ fn a_cabinet_is_saved_and_restored() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_value_that_leaves_outputs_on_or_makes_the_card_unknown_is_warned_of() {
+fn value_that_leaves_outputs_on_or_hides_a_card_has_a_warning() {
     for (name, value, said) in [
         ("nvwatchdogtimeout", "0", "SWITCHES ITS WATCHDOG OFF"),
         ("nvwatchdogtimeout", "5000", "stay on for 5000 ms"),
@@ -248,7 +248,7 @@ fn a_value_that_leaves_outputs_on_or_makes_the_card_unknown_is_warned_of() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_card_in_setup_mode_is_reached_over_a_serial_port() {
+fn card_in_setup_mode_is_reached_over_a_serial_port() {
     let card = Card::start(FieldIo::i7i77().unwrap());
     let at = ["--serial", &card.path];
     let list = json(&[&["param", "list"], &at[..]].concat());
@@ -281,7 +281,7 @@ fn a_card_in_setup_mode_is_reached_over_a_serial_port() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_serial_port_where_no_card_answers_says_what_to_look_at() {
+fn serial_port_without_a_reply_is_reported_with_advice() {
     let card = Card::start(Outputs48::i7i72().unwrap());
     let list = ["param", "list", "--serial", &card.path];
     let wrong = run(&[&list[..], &["--baud", "9600"]].concat());

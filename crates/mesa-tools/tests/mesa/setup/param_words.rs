@@ -26,7 +26,7 @@ fn outputs_on(card: &Card) -> Vec<usize> {
 /// Manual: 7I77, "RPD, WPD, AND UFLBP".
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_words_of_rpd_and_wpd_are_understood_in_any_case() {
+fn words_of_rpd_and_wpd_are_understood_in_any_case() {
     for (device, wanted) in [
         (
             Box::new(FieldIo::i7i77().unwrap()) as Box<dyn SimDevice>,
@@ -81,7 +81,7 @@ fn the_words_of_rpd_and_wpd_are_understood_in_any_case() {
 }
 
 #[test]
-fn a_word_that_does_not_fit_the_card_is_refused_with_the_reason() {
+fn word_that_does_not_fit_the_card_is_refused_with_the_reason() {
     let machine = ["--sim", "7i97,0=7i77-io"];
     for (arguments, code, said) in [
         (
@@ -126,7 +126,7 @@ baud-rate NVBaudRate
 /// Manual: 7I77, "OPERATE MODE BAUD RATE".
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_baud_rate_outside_of_the_table_is_refused_and_another_one_is_explained() {
+fn baud_rate_outside_the_table_is_refused_and_others_explained() {
     const BAUD: &str = "remote.0.parameter.nvbaudrate";
     let description = Scratch::new("words-7x99.remote");
     fs::write(&description.0, CARD).unwrap();
@@ -186,7 +186,7 @@ fn a_baud_rate_outside_of_the_table_is_refused_and_another_one_is_explained() {
 /// Manual: 7I77, "SETUP/OPERATE MODE".
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn cards_in_the_setup_position_and_at_other_baud_rates_are_reached_over_the_fpga() {
+fn cards_in_setup_mode_or_at_other_bauds_are_reached_by_fpga() {
     let remotes = ["--remote", "0=7i72", "--remote", "2=7i72:setup"];
     let board = [&["--board", "7i97", "--port", "0"], &remotes[..]].concat();
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &board);

@@ -64,7 +64,7 @@ fn texts(page: &str) -> Vec<String> {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_page_has_what_the_simulated_cabinet_has() {
+fn page_has_what_the_simulated_cabinet_has() {
     let mut board = Board::start(
         Ipv4Addr::LOCALHOST,
         &["--board", "7i92-7i77", "--port", "0"],
@@ -124,7 +124,7 @@ fn the_page_has_what_the_simulated_cabinet_has() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn nothing_is_driven_and_nothing_is_written() {
+fn report_drives_nothing_and_writes_nothing() {
     let mut board = Board::start(
         Ipv4Addr::LOCALHOST,
         &["--board", "7i92-7i77", "--port", "0"],
@@ -159,7 +159,7 @@ fn nothing_is_driven_and_nothing_is_written() {
 }
 
 #[test]
-fn the_report_of_a_wiring_check_and_a_picture_are_included() {
+fn report_of_a_wiring_check_and_a_picture_are_included() {
     let [wiring, plain, svg, page] =
         ["wiring.json", "wiring.txt", "late.svg", "whole.html"].map(Scratch::new);
     let check = [
@@ -252,7 +252,7 @@ fn text_of_a_file_is_no_markup() {
 }
 
 #[test]
-fn what_is_no_report_and_no_picture_is_refused_before_a_board_is_asked() {
+fn invalid_report_or_picture_is_refused_before_board_access() {
     let [file, page] = ["other.json", "refused.html"].map(Scratch::new);
     for (content, option, said) in [
         (
@@ -273,7 +273,7 @@ fn what_is_no_report_and_no_picture_is_refused_before_a_board_is_asked() {
 }
 
 #[test]
-fn a_board_without_remotes_has_a_page_as_well() {
+fn board_without_remotes_has_a_page_as_well() {
     let page = Scratch::new("alone.html");
     let text = done(&["report", page.path(), "--sim", "7i97"]);
     assert!(text.contains("7I97 with 0 remotes, "), "{text}");

@@ -22,7 +22,7 @@ fn board() -> (Board, String) {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_reset_needs_consent_and_is_waited_for() {
+fn reset_needs_consent_and_is_waited_for() {
     let (board, address) = board();
     let reset = ["reset", "--addr", &address];
     let refused = run(&reset);
@@ -43,7 +43,7 @@ fn a_reset_needs_consent_and_is_waited_for() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_reload_needs_something_to_load_and_takes_the_outputs() {
+fn reload_needs_a_configuration_and_releases_the_outputs() {
     let (mut board, address) = board();
     let mut bus = UdpBus::connect(board.address, patient()).expect("a board");
     let flash = EthernetBoard::new(&mut bus).into_flash(FlashLayout::I7I97);
@@ -148,7 +148,7 @@ const RESET: &[u8] = &[0x01, 0xD9, 0x1C, 0x00];
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_reset_that_was_lost_on_its_way_is_noticed() {
+fn reset_that_was_lost_on_its_way_is_noticed() {
     let (board, _) = board();
     let Between { address, .. } = between(&board, RESET, false);
     let lost = run(&["reset", "--addr", &address, "--yes"]);
@@ -158,7 +158,7 @@ fn a_reset_that_was_lost_on_its_way_is_noticed() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_board_that_does_not_come_back_is_given_up_and_ctrl_c_ends_the_waiting() {
+fn board_that_stays_away_is_given_up_and_ctrl_c_ends_the_wait() {
     let (board, _) = board();
     let Between { address, .. } = between(&board, RESET, true);
     let gone = run(&["reset", "--addr", &address, "--yes", "--wait", "1"]);
@@ -219,7 +219,7 @@ fn moving(board: &Board, next: Ipv4Addr) -> String {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_reset_after_a_new_address_waits_for_the_board_at_that_address() {
+fn reset_after_an_address_change_waits_at_the_new_address() {
     let (board, _) = board();
     let next = free_address();
     let mut bus = UdpBus::connect(board.address, patient()).expect("a board");
@@ -243,7 +243,7 @@ fn a_reset_after_a_new_address_waits_for_the_board_at_that_address() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_board_that_is_at_neither_address_is_missed_at_both() {
+fn board_that_is_at_neither_address_is_missed_at_both() {
     let (board, _) = board();
     let next = free_address();
     let mut bus = UdpBus::connect(board.address, patient()).expect("a board");

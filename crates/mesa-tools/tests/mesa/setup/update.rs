@@ -39,7 +39,7 @@ fn ended(child: Process) -> Run {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_card_on_a_serial_port_is_updated_and_verified() {
+fn card_on_a_serial_port_is_updated_and_verified() {
     let card = Card::start(FieldIo::i7i77().unwrap());
     let file = file("7I77-31.BIN", *b"7I77", 31, 5000);
     let update = ["update", "7i77", file.path(), "--serial", &card.path];
@@ -73,7 +73,7 @@ fn a_card_on_a_serial_port_is_updated_and_verified() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn an_update_that_a_power_cut_ends_is_found_and_finished() {
+fn update_that_a_power_cut_ends_is_found_and_finished() {
     let card = Card::start(Outputs48::i7i72().unwrap());
     let file = file("7I72-32.BIN", *b"7I72", 32, 5000);
     let update = [
@@ -103,7 +103,7 @@ fn an_update_that_a_power_cut_ends_is_found_and_finished() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn an_update_that_a_signal_ends_says_so_and_is_finished_later() {
+fn update_ended_by_a_signal_is_reported_and_can_be_finished() {
     let card = Card::start(FieldIo::i7i77().unwrap());
     let file = file("7I77-33.BIN", *b"7I77", 33, 9000);
     let update = [
@@ -131,7 +131,7 @@ fn an_update_that_a_signal_ends_says_so_and_is_finished_later() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_card_on_a_board_is_updated_at_the_baud_rate_of_its_jumper() {
+fn card_on_a_board_is_updated_at_the_baud_rate_of_its_jumper() {
     let state = Scratch::new("updated.state");
     let kept = ["--board", "7i97", "--port", "0", "--state", state.path()];
     let remotes = ["--remote", "0=7i77-io", "--remote", "1=7i72:setup"];
@@ -193,7 +193,7 @@ fn a_card_on_a_board_is_updated_at_the_baud_rate_of_its_jumper() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn what_is_not_for_this_card_is_refused_before_anything_is_erased() {
+fn file_for_another_card_is_refused_before_anything_is_erased() {
     let card = Card::start(FieldIo::i7i77().unwrap());
     let own = file("7I77-own.BIN", *b"7I77", 40, 3000);
     let other = file("7I72-other.BIN", *b"7I72", 40, 3000);

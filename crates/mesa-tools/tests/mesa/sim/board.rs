@@ -149,7 +149,7 @@ fn set_parameter(address: SocketAddrV4, name: &str, value: f64) {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn what_was_written_is_kept_even_when_the_board_is_killed() {
+fn written_state_is_kept_even_if_the_board_is_killed() {
     let file = Scratch::new("killed");
     let arguments = [
         "--board",
@@ -205,7 +205,7 @@ fn what_was_written_is_kept_even_when_the_board_is_killed() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_console_answers_everything_and_survives_any_bytes() {
+fn console_answers_everything_and_survives_any_bytes() {
     let mut client = Client::start(&[
         "--board",
         "7i97",
@@ -329,7 +329,7 @@ fn any_datagram_is_survived() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_closed_standard_input_does_not_end_it() {
+fn closed_standard_input_does_not_end_it() {
     let mut child = command(&SIM_7I97).stdin(Stdio::piped()).spawn().unwrap();
     let mut input = child.stdin.take().unwrap();
     input.write_all(b"show network").unwrap();

@@ -62,7 +62,7 @@ fn mishaps_are_changed_while_it_runs() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_board_that_is_reset_is_away_for_the_time_and_answers_again() {
+fn board_that_is_reset_is_away_for_the_time_and_answers_again() {
     let mut board = start(&[]);
     let socket = client(board.address);
     ask_cookie(&socket);
@@ -145,7 +145,7 @@ fn commands_are_done_at_their_time_and_waits_end_when_it_comes() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn what_would_be_refused_at_its_time_is_refused_when_it_is_given_with_the_same_words() {
+fn timed_command_is_refused_when_given_with_the_same_message() {
     let mut board = start(&["--remote", "1=7i77-io", "--remote", "2=7i72"]);
     let console = &mut board.console;
     let bad = [
@@ -230,7 +230,7 @@ fn what_would_be_refused_at_its_time_is_refused_when_it_is_given_with_the_same_w
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_file_of_commands_is_done_up_to_the_first_error() {
+fn file_of_commands_is_done_up_to_the_first_error() {
     let good = Scratch::new("good.cmd");
     let bad = Scratch::new("bad.cmd");
     let own = Scratch::new("own.cmd");

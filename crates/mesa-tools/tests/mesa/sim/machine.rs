@@ -68,7 +68,7 @@ fn drive_down(board: &Board) -> Travel {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_driver_sees_the_home_switch_at_its_position_and_the_hard_stop_behind_it() {
+fn driver_meets_home_switch_and_hard_stop_at_their_positions() {
     let mut board = mill();
     let Travel { seen } = drive_down(&board);
     // At power-up the axis stands at 25, where the driver's count is 0.
@@ -109,7 +109,7 @@ fn wait_for(board: &mut Board, what: &str, name: &str, value: &str) {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_console_turns_the_wheel_presses_the_emergency_stop_and_jams_an_axis() {
+fn console_turns_the_wheel_presses_the_estop_and_jams_an_axis() {
     let mut board = mill();
     board.console.run("wheel 12");
     wait_for(&mut board, "motors", "wheel.mpg.turning", "0");
@@ -207,7 +207,7 @@ fn run_router(driver: &mut Driver<UdpBus>, position: f64) {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_stepper_motor_loses_the_steps_that_its_drive_does_not_detect() {
+fn stepper_motor_loses_the_steps_that_its_drive_does_not_detect() {
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--machine", ROUTER, "--port", "0"]);
     // The drive needs 2500 ns.
     let mut driver = stepper_driver(&board, 1_000);
@@ -227,7 +227,7 @@ fn a_stepper_motor_loses_the_steps_that_its_drive_does_not_detect() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_stepper_machine_moves_and_its_console_shows_steps_and_the_spindle() {
+fn stepper_machine_moves_and_console_shows_steps_and_spindle() {
     let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--machine", ROUTER, "--port", "0"]);
     let mut driver = stepper_driver(&board, 5_000);
     let start = Instant::now();
@@ -262,13 +262,13 @@ fn a_stepper_machine_moves_and_its_console_shows_steps_and_the_spindle() {
 }
 
 #[test]
-fn a_described_machine_is_the_board_of_every_other_command() {
+fn described_machine_is_the_board_of_every_other_command() {
     assert_eq!(json(&["led", "--sim", MILL])["now"], "debug");
     assert!(done(&["info", "--sim", MILL]).contains("Channel 0: 7I77"));
 }
 
 #[test]
-fn a_description_that_is_wrong_says_where_and_what_is_allowed() {
+fn invalid_description_is_refused_with_place_and_allowed_values() {
     let text = fs::read_to_string(MILL).unwrap();
     let cases = [
         (

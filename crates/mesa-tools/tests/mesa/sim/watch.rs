@@ -97,7 +97,7 @@ impl Drop for Controller {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_screen_shows_stepper_motors_with_their_steps() {
+fn screen_shows_stepper_motors_with_their_steps() {
     let arguments = format!("sim --machine {ROUTER} --port 0 --watch");
     let Some(terminal) = Terminal::start("sim-steppers", &arguments) else {
         return;
@@ -113,7 +113,7 @@ fn the_screen_shows_stepper_motors_with_their_steps() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_screen_shows_who_drives_the_machine_and_what_the_machine_really_does() {
+fn screen_shows_the_client_and_the_true_state_of_the_machine() {
     let socket = Scratch::new("watch.sock");
     let arguments = format!(
         "sim --machine {MILL} --port 0 --watch --control {}",
@@ -199,7 +199,7 @@ fn the_screen_shows_who_drives_the_machine_and_what_the_machine_really_does() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn commands_are_typed_below_and_answered_there_without_holding_up_the_screen() {
+fn commands_are_answered_below_without_blocking_the_screen() {
     let arguments = format!("sim --machine {MILL} --port 0 --watch");
     let Some(terminal) = Terminal::start("sim-console", &arguments) else {
         return;
@@ -241,7 +241,7 @@ fn commands_are_typed_below_and_answered_there_without_holding_up_the_screen() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn nothing_is_cut_on_narrow_screens() {
+fn no_text_is_truncated_on_narrow_screens() {
     for columns in [40, 80, 120] {
         let arguments = format!("sim --machine {MILL} --port 0 --watch");
         let name = format!("sim-narrow-{columns}");
@@ -280,7 +280,7 @@ fn nothing_is_cut_on_narrow_screens() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_long_answer_has_the_whole_screen_until_it_was_read() {
+fn long_answer_has_the_whole_screen_until_it_was_read() {
     let Some(terminal) = Terminal::start(
         "sim-help",
         "sim --board 7i92-7i77 --listen 127.0.0.1 --port 0 --watch",
@@ -309,7 +309,7 @@ fn a_long_answer_has_the_whole_screen_until_it_was_read() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn of_several_boards_one_is_shown_and_gets_the_commands() {
+fn one_of_several_boards_is_shown_and_gets_the_commands() {
     let lathe = Scratch::new("lathe.toml");
     fs::write(&lathe.0, "board = \"7i92-7i77\"\n").unwrap();
     let commands = Scratch::new("watch.cmd");
@@ -348,7 +348,7 @@ fn of_several_boards_one_is_shown_and_gets_the_commands() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn it_ends_when_its_terminal_is_closed() {
+fn screen_ends_when_its_terminal_is_closed() {
     let socket = Scratch::new("closed.sock");
     let arguments = format!(
         "sim --machine {MILL} --port 0 --watch --control {}",
@@ -364,7 +364,7 @@ fn it_ends_when_its_terminal_is_closed() {
 }
 
 #[test]
-fn without_a_terminal_it_is_refused_before_anything_is_begun() {
+fn watch_without_a_terminal_is_refused_before_anything_starts() {
     let state = Scratch::new("watch.state");
     let arguments = [
         "sim",

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn counts_go_on_where_they_were_after_the_counter_was_reset_unseen() {
+fn counts_continue_after_an_unseen_counter_reset() {
     let mut hardware = Hardware::default();
     let mut encoder = encoder();
     encoder.read(hardware.sample());
@@ -23,7 +23,7 @@ fn counts_go_on_where_they_were_after_the_counter_was_reset_unseen() {
 }
 
 #[test]
-fn a_gap_is_unsure_where_the_counter_can_have_wrapped_around() {
+fn gap_is_unsure_where_the_counter_can_have_wrapped_around() {
     // 20 counts in a millisecond: with the margin 31 in each.
     for (ms, is_unsure) in [(50, false), (1_000, false), (1_060, true), (5_000, true)] {
         let (mut encoder, mut hardware) = running(20);
@@ -41,14 +41,14 @@ fn a_gap_is_unsure_where_the_counter_can_have_wrapped_around() {
 }
 
 #[test]
-fn an_encoder_whose_last_edge_is_the_same_has_not_moved() {
+fn encoder_whose_last_edge_is_the_same_has_not_moved() {
     let (mut encoder, mut hardware) = running(20);
     assert!(!encoder.read(hardware.step(0, 60_000_000)).is_unsure);
     assert!(encoder.read(hardware.step(1, 60_000_000)).is_unsure);
 }
 
 #[test]
-fn a_reply_that_lay_unread_is_as_old_as_its_request() {
+fn reply_that_lay_unread_is_as_old_as_its_request() {
     let (mut encoder, mut hardware) = running(20);
     let mut sample = hardware.step(0, 1_000);
     // The host was suspended with the reply.
@@ -59,7 +59,7 @@ fn a_reply_that_lay_unread_is_as_old_as_its_request() {
 }
 
 #[test]
-fn a_counter_runs_on_through_a_bite() {
+fn counter_runs_on_through_a_bite() {
     for (is_muxed, is_followed) in [(false, true), (false, false), (true, true), (true, false)] {
         let (mut encoder, mut hardware) = running(20);
         encoder.is_muxed = is_muxed;
@@ -81,7 +81,7 @@ fn a_counter_runs_on_through_a_bite() {
 }
 
 #[test]
-fn a_reset_that_looks_like_a_bite_is_unsure() {
+fn reset_that_looks_like_a_bite_is_unsure() {
     let (mut encoder, mut hardware) = running(20);
     let before = encoder.read(hardware.step(0, 1_000)).rawcounts;
     (hardware.count, hardware.control) = (0, 0);
@@ -104,7 +104,7 @@ fn a_reset_that_looks_like_a_bite_is_unsure() {
 }
 
 #[test]
-fn a_board_that_has_kept_its_mode_was_not_reset() {
+fn board_that_has_kept_its_mode_was_not_reset() {
     let (mut encoder, mut hardware) = running(20);
     encoder.run_on(hardware.step(20, 1_000), &RESET, false);
     encoder.set_up_again(&RESET);
@@ -120,7 +120,7 @@ fn a_board_that_has_kept_its_mode_was_not_reset() {
 }
 
 #[test]
-fn a_mode_that_was_written_after_the_last_read_is_no_proof() {
+fn mode_that_was_written_after_the_last_read_is_no_proof() {
     for is_unseen in [false, true] {
         let (mut encoder, mut hardware) = running(20);
         encoder.run_on(hardware.step(20, 1_000), &RESET, is_unseen);
@@ -133,7 +133,7 @@ fn a_mode_that_was_written_after_the_last_read_is_no_proof() {
 }
 
 #[test]
-fn a_counter_that_begins_again_with_the_set_up_is_unsure() {
+fn counter_that_begins_again_with_the_set_up_is_unsure() {
     let (mut encoder, mut hardware) = running(20);
     encoder.run_on(hardware.step(20, 1_000), &BITE, false);
     encoder.set_up_again(&BITE);

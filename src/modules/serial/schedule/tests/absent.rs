@@ -54,7 +54,7 @@ impl Rig {
 
 /// A remote that was absent at the start runs when it is plugged in, with its next attempt.
 #[test]
-fn a_remote_that_was_absent_at_the_start_runs_when_it_is_plugged_in() {
+fn remote_absent_at_start_runs_when_plugged_in() {
     let mut rig = Rig::with_absent();
     for _ in 0..3 {
         let state = rig.attempt(0x0001_E188, SIZES);
@@ -99,7 +99,7 @@ fn a_remote_that_was_absent_at_the_start_runs_when_it_is_plugged_in() {
 }
 
 #[test]
-fn what_is_plugged_in_instead_of_an_absent_remote_is_not_taken_over() {
+fn other_device_in_place_of_an_absent_remote_is_not_adopted() {
     let larger = ProcessDataSizes { rx: 9, tx: 2 };
     let changes: [(usize, u32, ProcessDataSizes); 4] = [
         (0, 0x0100_0000, SIZES),
@@ -129,7 +129,7 @@ fn what_is_plugged_in_instead_of_an_absent_remote_is_not_taken_over() {
 
 /// The sizes are read again when the reply may belong to another read.
 #[test]
-fn a_size_is_not_taken_from_a_read_that_may_be_lost() {
+fn size_is_not_taken_from_a_read_that_may_be_lost() {
     let mut rig = Rig::with_absent();
     while rig.cycle() != 0x0904 {}
     rig.seen.cs[2] = CHATTER;
@@ -145,7 +145,7 @@ fn a_size_is_not_taken_from_a_read_that_may_be_lost() {
 }
 
 #[test]
-fn a_reset_is_told_by_the_remotes_that_have_run() {
+fn reset_is_detected_by_the_remotes_that_have_run() {
     let mut rig = Rig::with_absent();
     assert_eq!(rig.schedule.appears_reset(&rig.remotes), Some(false));
     rig.write();

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn what_a_transfer_brings_is_as_old_as_the_begin_of_its_write() {
+fn age_of_transfer_data_starts_at_the_begin_of_its_write() {
     let mut rig = Rig::new();
     rig.read();
     let begun = rig.now;

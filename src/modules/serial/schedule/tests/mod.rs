@@ -212,7 +212,7 @@ fn transfers_follow_each_other_and_their_data_is_taken_once() {
 }
 
 #[test]
-fn nothing_is_written_while_command_is_busy_or_not_known() {
+fn no_command_is_written_while_command_is_busy_or_unknown() {
     let mut rig = Rig::new();
     rig.write();
     assert_eq!(rig.write(), 0x8000_0000, "written twice without a read");
@@ -247,7 +247,7 @@ fn old_data_is_not_taken_for_new_when_the_bus_lost_the_doit() {
 }
 
 #[test]
-fn a_transfer_that_was_in_doubt_while_busy_stays_so() {
+fn transfer_that_was_in_doubt_while_busy_stays_so() {
     let mut rig = Rig::new();
     rig.write();
     rig.seen.command = 1;
@@ -259,7 +259,7 @@ fn a_transfer_that_was_in_doubt_while_busy_stays_so() {
 }
 
 #[test]
-fn a_write_that_failed_is_treated_as_one_that_may_have_happened() {
+fn write_that_failed_is_treated_as_one_that_may_have_happened() {
     let mut rig = Rig::new();
     rig.schedule
         .next(&mut rig.machine, &mut rig.remotes, rig.now, false);
@@ -270,7 +270,7 @@ fn a_write_that_failed_is_treated_as_one_that_may_have_happened() {
 }
 
 #[test]
-fn twenty_cycles_without_data_take_one_remote_offline_and_the_other_goes_on() {
+fn twenty_cycles_without_data_take_only_that_remote_offline() {
     let mut rig = Rig::new();
     rig.seen.data = 2;
     rig.seen.cs[1] = 0x0042_2008;
@@ -294,7 +294,7 @@ fn twenty_cycles_without_data_take_one_remote_offline_and_the_other_goes_on() {
 
 /// The outputs are safe from the call on; a good transfer could arm a valid group again.
 #[test]
-fn a_transfer_in_flight_is_no_news_of_a_remote_that_is_to_restart() {
+fn transfer_in_flight_is_no_news_of_a_remote_that_is_to_restart() {
     for trouble in [0, 1] {
         let mut rig = Rig::new();
         rig.change(Channel::ALL[0], |remote| remote.failures.set_count(trouble));
@@ -309,7 +309,7 @@ fn a_transfer_in_flight_is_no_news_of_a_remote_that_is_to_restart() {
 /// With a fault in that transfer, the outputs are off before the START that clears it. There is
 /// only one START, because nothing else would try again.
 #[test]
-fn a_restart_that_was_asked_for_follows_whatever_the_transfer_in_flight_brings() {
+fn requested_restart_follows_any_result_of_the_current_transfer() {
     for (cs, at_least) in [(0x0842_2140, 60), (0x0142_2140, 0), (STOPPED, 60)] {
         let mut rig = Rig::new();
         rig.remotes.policy.automatic = false;
@@ -327,7 +327,7 @@ fn a_restart_that_was_asked_for_follows_whatever_the_transfer_in_flight_brings()
 
 /// FACTS 5.7: 08NN, then 09NN; the other remote gets a transfer in between.
 #[test]
-fn a_remote_comes_back_in_small_steps() {
+fn remote_comes_back_in_small_steps() {
     let mut rig = Rig::new();
     rig.channel_1_goes_offline();
     assert_eq!(rig.until_not_doit(), 0x0802);
@@ -379,7 +379,7 @@ fn another_device_on_the_channel_is_not_taken_over() {
 }
 
 #[test]
-fn an_absent_remote_is_tried_less_and_less_often() {
+fn absent_remote_is_tried_less_and_less_often() {
     let mut rig = Rig::new();
     rig.channel_1_goes_offline();
     let mut attempts = Vec::new();
@@ -398,7 +398,7 @@ fn an_absent_remote_is_tried_less_and_less_often() {
 }
 
 #[test]
-fn a_bitten_watchdog_restarts_the_remote_at_once() {
+fn bitten_watchdog_restarts_the_remote_at_once() {
     let mut rig = Rig::new();
     rig.write();
     rig.seen.cs[1] = 0x0142_2140;
@@ -409,7 +409,7 @@ fn a_bitten_watchdog_restarts_the_remote_at_once() {
 
 /// The outputs stay on as long as any frame reaches the remote; its watchdog takes 50 ms.
 #[test]
-fn a_remote_with_any_other_fault_gets_no_frame_for_60_ms() {
+fn remote_with_any_other_fault_gets_no_frame_for_60_ms() {
     for bit in 1..8 {
         let mut rig = Rig::new();
         rig.write();
@@ -427,7 +427,7 @@ fn a_remote_with_any_other_fault_gets_no_frame_for_60_ms() {
 }
 
 #[test]
-fn the_silence_follows_the_watchdog_of_the_remote() {
+fn silence_follows_the_watchdog_of_the_remote() {
     for (millis, silent) in [(0, 0), (20, 24), (50, 60), (200, 240), (1000, 1200)] {
         let mut rig = Rig::new();
         rig.change(Channel::ALL[1], |remote| {
@@ -451,7 +451,7 @@ fn the_silence_follows_the_watchdog_of_the_remote() {
 
 /// A remote that reports its fault again after each START is tried less and less often.
 #[test]
-fn a_remote_that_starts_and_reports_its_fault_again_is_tried_less_and_less_often() {
+fn remote_with_a_recurring_fault_is_restarted_ever_less_often() {
     let mut rig = Rig::new();
     let mut attempts = Vec::new();
     rig.seen.cs[1] = 0x0842_2140;
@@ -493,7 +493,7 @@ fn pauses_grow_also_for_a_remote_that_was_healthy_before() {
 }
 
 #[test]
-fn inputs_without_field_power_are_not_taken_and_the_remote_is_tried_again_later() {
+fn inputs_without_field_power_are_dropped_and_remote_is_retried() {
     let mut rig = Rig::new();
     rig.write();
     rig.seen.cs[1] = 0x2042_2140;
@@ -505,7 +505,7 @@ fn inputs_without_field_power_are_not_taken_and_the_remote_is_tried_again_later(
 }
 
 #[test]
-fn a_stuck_command_is_freed_by_the_one_safe_way_out() {
+fn stuck_command_is_freed_by_the_one_safe_way_out() {
     let mut rig = Rig::new();
     rig.write();
     rig.seen.command = 0x1003;
@@ -542,7 +542,7 @@ impl Rig {
 }
 
 #[test]
-fn a_port_that_is_switched_off_tells_its_remotes_stops_and_starts_again() {
+fn disabled_port_sends_safe_values_stops_and_starts_again() {
     let mut rig = Rig::new();
     rig.schedule.run = false;
     assert_eq!(rig.write(), 0x1003, "with safe values");
@@ -558,7 +558,7 @@ fn a_port_that_is_switched_off_tells_its_remotes_stops_and_starts_again() {
 
 /// A STOP after a lost transfer leaves outputs on until the remotes' own watchdogs bite.
 #[test]
-fn a_port_that_is_switched_off_repeats_the_safe_values_until_they_have_arrived() {
+fn disabled_port_repeats_the_safe_values_until_they_arrive() {
     let mut rig = Rig::new();
     rig.schedule.run = false;
     assert_eq!(rig.write(), 0x1003, "with safe values");
@@ -571,7 +571,7 @@ fn a_port_that_is_switched_off_repeats_the_safe_values_until_they_have_arrived()
 }
 
 #[test]
-fn a_port_that_is_switched_off_stops_even_if_every_transfer_is_in_doubt() {
+fn disabled_port_stops_even_if_every_transfer_is_in_doubt() {
     let mut rig = Rig::new();
     rig.schedule.run = false;
     let mut transfers = 0;

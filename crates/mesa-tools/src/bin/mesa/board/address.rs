@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_place_is_an_address_a_folder_or_both() {
+    fn place_is_an_address_a_folder_or_both() {
         let place = |text: &str| {
             let place: PciPlace = text.parse().expect(text);
             let address = place.address.map(|address| address.to_string());

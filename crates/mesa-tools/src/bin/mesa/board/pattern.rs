@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_part_fits_anywhere_and_a_pattern_the_whole() {
+    fn part_fits_anywhere_and_a_pattern_the_whole() {
         for (pattern, text, fits) in [
             ("", "anything", true),
             ("input-0", "hm2_7i92.0.7i77.0.0.input-07", true),

@@ -166,7 +166,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_card_is_that_of_the_remote_or_the_board() {
+    fn card_is_that_of_the_remote_or_the_board() {
         for (name, card, remote) in [
             ("hm2_7i92.0.7i77.0.1.analogout0", "7i77.0.1", Some((0, 1))),
             ("hm2_7i97.0.pwmgen.02.value", "hm2_7i97.0", None),
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_connector_is_named_once() {
+    fn connector_is_named_once() {
         for (terminal, signal, expected) in [
             ("", "", ""),
             ("TB8 pin 3", "INPUT2", "TB8 pin 3 INPUT2"),

@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_reason_has_words_whatever_it_is_made_of() {
+    fn reason_has_words_whatever_it_is_made_of() {
         for nothing in ["", "  ", "\n"] {
             assert_eq!(Reason::new(nothing).to_string(), "the reason is not known");
         }
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn a_remote_that_runs_is_not_called_offline() {
+    fn remote_that_runs_is_not_called_offline() {
         let first = Some(OfflineReason::Watchdog);
         let running = of_remote("the 7I77", RemoteState::Running, first).to_string();
         assert!(!running.contains("is offline"), "{running}");

@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn the_machine_of_a_line_is_found() {
+    fn machine_of_a_line_is_found() {
         let machine = |words: &[&str]| machine(words.iter().map(OsString::from).collect());
         let plain = machine(&["mesa", "set", "--sim", "7i92-7i77", "TB"]);
         assert!(plain.is_some());

@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_signal_every_wait_is_as_long_as_it_should_be() {
+    fn waits_without_a_signal_have_their_full_length() {
         let mut patience = Patience::default();
         let mut now = Instant::from_nanos(0);
         for _ in 0..100 {
@@ -146,7 +146,7 @@ mod tests {
 
         /// Whatever is lost or late: the waits in vain after a signal are 0.9 s and the last part.
         #[test]
-        fn after_a_signal_missing_replies_are_waited_for_less_than_a_second(
+        fn wait_for_missing_replies_after_a_signal_is_under_a_second(
             replies in proptest::collection::vec(proptest::option::of(0..40_u64), 5_000),
             deadline in 1..600_u64,
         ) {
@@ -170,7 +170,7 @@ mod tests {
 
     /// What is driven at a board that loses half of its packets is tried to be switched off.
     #[test]
-    fn a_board_that_loses_packets_is_tried_often() {
+    fn board_that_loses_packets_is_tried_often() {
         let mut patience = Patience::default();
         let mut now = Instant::from_nanos(0);
         let mut tries = 0;

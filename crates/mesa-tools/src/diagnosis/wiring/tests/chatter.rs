@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn what_bounces_is_one_change_and_a_spike_is_none() {
+fn bounce_is_one_change_and_a_spike_is_none() {
     let mut cabinet = Cabinet::new();
     cabinet.ask(0);
     cabinet.set(0, true);
@@ -23,7 +23,7 @@ fn what_bounces_is_one_change_and_a_spike_is_none() {
 }
 
 #[test]
-fn what_changes_by_itself_is_said_and_does_not_count() {
+fn input_that_changes_by_itself_is_reported_and_does_not_count() {
     for period in [5, 10, 45, 500] {
         let mut cabinet = Cabinet::new();
         cabinet.pulsing = Some((2, period));
@@ -68,7 +68,7 @@ fn what_changes_by_itself_is_said_and_does_not_count() {
 }
 
 #[test]
-fn what_begins_to_pulse_later_is_found_out() {
+fn input_that_begins_to_pulse_later_is_detected() {
     let mut cabinet = Cabinet::new();
     cabinet.ask(0);
     cabinet.pulsing = Some((2, 500));
@@ -78,7 +78,7 @@ fn what_begins_to_pulse_later_is_found_out() {
 }
 
 #[test]
-fn what_chatters_when_it_is_actuated_is_not_in_order() {
+fn chattering_input_is_unstable() {
     for period in [10, 45, 150] {
         let mut cabinet = Cabinet::new();
         cabinet.ask(2);

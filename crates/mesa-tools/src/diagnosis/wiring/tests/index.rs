@@ -18,7 +18,7 @@ impl Cabinet {
 }
 
 #[test]
-fn an_index_is_in_order_when_its_encoder_was_turned_past_it() {
+fn index_is_in_order_when_its_encoder_was_turned_past_it() {
     for way in [1, -1] {
         let mut cabinet = Cabinet::new();
         assert!(!cabinet.is_armed(), "only when it is asked for");
@@ -41,7 +41,7 @@ fn an_index_is_in_order_when_its_encoder_was_turned_past_it() {
 }
 
 #[test]
-fn an_index_that_is_not_wired_does_not_come_however_far_its_encoder_is_turned() {
+fn unwired_index_is_missing_however_far_its_encoder_turns() {
     let mut cabinet = Cabinet::new();
     cabinet.ask_for(INDEX);
     cabinet.turn(0, 0, 5000);
@@ -76,7 +76,7 @@ fn an_index_that_is_not_wired_does_not_come_however_far_its_encoder_is_turned() 
 }
 
 #[test]
-fn an_index_that_comes_while_its_encoder_stands_is_noise() {
+fn index_that_comes_while_its_encoder_stands_is_noise() {
     let mut cabinet = Cabinet::new();
     cabinet.ask_for(INDEX);
     // Another encoder is turned, and this one stands on an edge.
@@ -87,7 +87,7 @@ fn an_index_that_comes_while_its_encoder_stands_is_noise() {
 }
 
 #[test]
-fn a_request_that_was_lost_is_made_again() {
+fn request_that_was_lost_is_made_again() {
     let mut cabinet = Cabinet::new();
     cabinet.run(HANDS_OFF.as_millis() as u64);
     cabinet.check.ask(INDEX);
@@ -119,7 +119,7 @@ fn a_request_that_was_lost_is_made_again() {
 }
 
 #[test]
-fn an_index_is_no_change_of_another_input() {
+fn index_is_no_change_of_another_input() {
     let mut cabinet = Cabinet::new();
     cabinet.ask_for(OTHER);
     cabinet.store.publish(cabinet.latches[0], true);

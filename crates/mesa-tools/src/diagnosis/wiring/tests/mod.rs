@@ -163,7 +163,7 @@ fn names(points: &[Point], is_asked: bool) -> Vec<&str> {
 }
 
 #[test]
-fn each_terminal_is_checked_by_one_pin_and_the_others_are_watched() {
+fn terminal_is_checked_by_one_pin_and_the_others_are_watched() {
     let cabinet = Cabinet::new();
     let all = [
         "encoder.00.rawcounts",
@@ -213,7 +213,7 @@ fn each_terminal_is_checked_by_one_pin_and_the_others_are_watched() {
 }
 
 #[test]
-fn a_counter_on_inputs_gives_way_to_them_and_cards_have_terminals_of_their_own() {
+fn counter_gives_way_to_its_inputs_and_cards_have_own_terminals() {
     let mut store = PinStore::default();
     let (board, one, two) = (store.add_group(), store.add_group(), store.add_group());
     for (group, stem) in [(one, "hm2.card.0."), (two, "hm2.card.1.")] {
@@ -255,7 +255,7 @@ fn a_counter_on_inputs_gives_way_to_them_and_cards_have_terminals_of_their_own()
 }
 
 #[test]
-fn a_switch_is_in_order_when_it_has_changed_and_is_back_whichever_way_it_rests() {
+fn switch_is_ok_after_a_change_and_return_from_either_rest() {
     for rest in [false, true] {
         let mut cabinet = Cabinet::new();
         cabinet.set(1, rest);
@@ -280,7 +280,7 @@ fn a_switch_is_in_order_when_it_has_changed_and_is_back_whichever_way_it_rests()
 }
 
 #[test]
-fn exchanged_wires_are_told_and_paired() {
+fn exchanged_wires_are_reported_and_paired() {
     let mut cabinet = Cabinet::new();
     let mut judged = Vec::new();
     for (asked, wired) in [(0, 0), (1, 2), (2, 1), (3, 2)] {
@@ -313,7 +313,7 @@ fn exchanged_wires_are_told_and_paired() {
 }
 
 #[test]
-fn bridged_wires_are_not_in_order_but_one_switch_after_the_other_is() {
+fn bridged_wires_are_not_ok_but_switches_in_sequence_are() {
     let mut cabinet = Cabinet::new();
     cabinet.ask(1);
     cabinet.press(&[1, 3]);
@@ -331,7 +331,7 @@ fn bridged_wires_are_not_in_order_but_one_switch_after_the_other_is() {
 }
 
 #[test]
-fn what_is_not_valid_is_no_change_nor_is_what_it_shows_next() {
+fn invalid_input_is_no_change_nor_is_its_next_value() {
     let mut cabinet = Cabinet::new();
     cabinet.ask(1);
     cabinet.store.fault(cabinet.remote);
@@ -372,7 +372,7 @@ fn what_is_not_valid_is_no_change_nor_is_what_it_shows_next() {
 }
 
 #[test]
-fn a_switch_that_is_held_while_its_remote_drops_out_is_no_normally_closed_one() {
+fn switch_held_during_an_outage_is_not_taken_as_normally_closed() {
     let mut cabinet = Cabinet::new();
     cabinet.ask(1);
     cabinet.set(1, true);
@@ -412,7 +412,7 @@ fn a_switch_that_is_held_while_its_remote_drops_out_is_no_normally_closed_one() 
 }
 
 #[test]
-fn a_look_that_comes_late_takes_nothing_for_lost() {
+fn look_that_comes_late_takes_nothing_for_lost() {
     let mut cabinet = Cabinet::new();
     cabinet.ask(1);
     cabinet.set(1, true);
@@ -426,7 +426,7 @@ fn a_look_that_comes_late_takes_nothing_for_lost() {
 }
 
 #[test]
-fn giving_up_says_what_was_seen() {
+fn verdict_on_giving_up_matches_the_observed_change() {
     let mut cabinet = Cabinet::new();
     cabinet.ask(0);
     assert_eq!(cabinet.give_up().verdict, WiringVerdict::NoChange);

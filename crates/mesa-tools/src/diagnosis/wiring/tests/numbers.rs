@@ -22,7 +22,7 @@ impl Cabinet {
 }
 
 #[test]
-fn an_encoder_is_in_order_when_it_has_counted_up_and_stands_and_not_when_it_counted_down() {
+fn encoder_is_ok_after_counting_up_to_a_stop_and_not_down() {
     for (to, verdict) in [
         (2000, WiringVerdict::Ok),
         (-2000, WiringVerdict::CountsDown),
@@ -47,7 +47,7 @@ fn an_encoder_is_in_order_when_it_has_counted_up_and_stands_and_not_when_it_coun
 }
 
 #[test]
-fn another_encoder_that_counts_instead_is_told_and_one_that_goes_along_too() {
+fn encoder_that_counts_instead_or_along_is_reported() {
     let mut cabinet = Cabinet::new();
     cabinet.ask_for(0);
     cabinet.turn(1, 0, 500);
@@ -69,7 +69,7 @@ fn another_encoder_that_counts_instead_is_told_and_one_that_goes_along_too() {
 }
 
 #[test]
-fn an_encoder_that_counts_by_itself_or_gets_nowhere_is_not_in_order() {
+fn encoder_that_counts_by_itself_or_dithers_is_unstable() {
     let mut cabinet = Cabinet::new();
     cabinet.run(1000);
     cabinet.turn(0, 0, 20_000);
@@ -90,7 +90,7 @@ fn an_encoder_that_counts_by_itself_or_gets_nowhere_is_not_in_order() {
 }
 
 #[test]
-fn an_analog_input_is_in_order_when_it_has_moved_by_a_part_of_its_range() {
+fn analog_input_is_ok_after_moving_by_part_of_its_range() {
     let mut cabinet = Cabinet::new();
     let (first, second) = (VOLTS, VOLTS + 1);
     cabinet.store.publish(cabinet.volts[0], 5.0);

@@ -27,7 +27,7 @@ const ENABLES: [&str; 6] = [
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_remote_whose_watchdog_is_off_or_slow_is_refused_without_its_flag_and_named_when_lost() {
+fn slow_or_disabled_watchdog_needs_a_flag_and_a_loss_is_named() {
     for (millis, said) in [("0", "its own watchdog is off"), ("5000", "5000 ms later")] {
         let mut board = board();
         let address = board.address.to_string();
@@ -59,7 +59,7 @@ fn a_remote_whose_watchdog_is_off_or_slow_is_refused_without_its_flag_and_named_
 /// A written time is used from the next power-up on: the stored value does not show the one in use.
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_watchdog_that_was_written_and_is_not_in_use_is_not_believed() {
+fn watchdog_that_was_written_and_is_not_in_use_is_not_believed() {
     for used in ["0", "5000"] {
         let mut board = board();
         let address = board.address.to_string();
@@ -116,7 +116,7 @@ pub fn board_without_watchdog() -> Board {
 /// The output's time is over, and the cable breaks before the remote has received the change.
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_remote_that_is_lost_at_the_end_is_no_success() {
+fn remote_that_is_lost_at_the_end_is_no_success() {
     let mut board = board_without_watchdog();
     let flags = ["--for", "60s", "--slow-watchdog", "--json"];
     let mut jog = begin(&board, &[&[OUTPUT, "on"], &flags[..]].concat());
@@ -142,7 +142,7 @@ fn a_remote_that_is_lost_at_the_end_is_no_success() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn the_question_names_every_drive_that_the_enable_switches_on_and_the_shared_one_is_used() {
+fn shared_enable_is_used_and_the_question_names_all_drives() {
     let mut board = board_7i97();
     let drive = ["--analog", "--drive-enable", "--for", "60s"];
     let mut jog = begin(&board, &[&["pwmgen.02.value", "1"], &drive[..]].concat());
@@ -163,7 +163,7 @@ fn the_question_names_every_drive_that_the_enable_switches_on_and_the_shared_one
 }
 
 #[test]
-fn an_enable_that_reaches_no_terminal_is_refused_and_the_one_that_does_is_named() {
+fn enable_without_a_terminal_is_refused_with_the_one_that_has() {
     let jog = ["set", "pwmgen.02.enable", "on", "--for", "1s", "--yes"];
     let refused = run(&[&jog[..], &["--drive-enable", "--sim", "7i97"]].concat());
     assert_eq!(refused.code, Some(2), "{refused:?}");
@@ -174,7 +174,7 @@ fn an_enable_that_reaches_no_terminal_is_refused_and_the_one_that_does_is_named(
 /// Parameters of an output change the output as well: an offset, an inversion, a limit.
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn what_is_no_output_is_refused_and_nothing_moves() {
+fn pins_that_are_no_outputs_are_refused_and_nothing_moves() {
     let flags = ["--analog", "--drive-enable", "--slow-watchdog", "--yes"];
     for (mut board, pins, all) in [
         (
@@ -229,7 +229,7 @@ fn what_is_no_output_is_refused_and_nothing_moves() {
 }
 
 #[test]
-fn an_analog_output_that_is_not_enabled_has_0_volts_and_is_refused() {
+fn analog_output_that_is_not_enabled_has_0_volts_and_is_refused() {
     for (sim, pin, enable) in [
         ("7i92-7i77", "7i77.0.1.analogout0", "ENA4+"),
         ("7i92-7i77", "7i77.0.1.analogout5", "7i77.0.1.spinena"),
@@ -251,7 +251,7 @@ fn an_analog_output_that_is_not_enabled_has_0_volts_and_is_refused() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn an_io_pin_is_an_output_for_its_time_and_an_input_again() {
+fn io_pin_is_an_output_for_its_time_and_an_input_again() {
     let mut board = board_7i97();
     assert_eq!(truth(&mut board, &["pin-034"]), ["1"], "pulled up");
     let mut jog = begin(&board, &["gpio.034.out", "off", "--for", "60s"]);
@@ -265,7 +265,7 @@ fn an_io_pin_is_an_output_for_its_time_and_an_input_again() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn an_io_pin_that_something_else_drives_was_never_what_it_was_set_to() {
+fn io_pin_driven_externally_is_reported_as_not_set() {
     let mut board = board_7i97();
     board.console.run("pin 34 low");
     let jog = begin(&board, &["gpio.034.out", "on", "--for", "60s", "--json"]);
@@ -278,7 +278,7 @@ fn an_io_pin_that_something_else_drives_was_never_what_it_was_set_to() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn an_output_of_a_remote_that_does_not_start_was_never_on_and_the_reason_is_said() {
+fn output_of_a_failed_remote_stays_off_with_the_reason_shown() {
     let mut board = board();
     let address = board.address.to_string();
     let at = ["--addr", &address];

@@ -10,7 +10,7 @@ use crate::terminal::Terminal;
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn an_output_is_named_by_its_terminal_or_its_signal() {
+fn output_is_named_by_its_terminal_or_its_signal() {
     let mut board = board();
     for name in [
         "TB8-20",
@@ -32,7 +32,7 @@ fn an_output_is_named_by_its_terminal_or_its_signal() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_terminal_that_two_cards_have_is_refused_with_both_until_the_card_is_given() {
+fn ambiguous_terminal_is_refused_with_both_until_card_is_given() {
     let two = [
         "--for",
         "100ms",
@@ -66,7 +66,7 @@ fn a_terminal_that_two_cards_have_is_refused_with_both_until_the_card_is_given()
 /// Each output of a 7I97 is at two terminals, with a pin that inverts it beside it.
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_terminal_of_a_7i97_names_its_output_alone() {
+fn terminal_of_a_7i97_names_its_output_alone() {
     let of_7i97 = ["on", "--for", "100ms", "--sim", "7i97", "--yes", "--json"];
     for (name, pin) in [
         ("TB5-14", "ssr.00.out-00"),
@@ -86,7 +86,7 @@ fn a_terminal_of_a_7i97_names_its_output_alone() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_terminal_without_an_output_is_refused_with_what_is_there() {
+fn terminal_without_an_output_is_refused_with_what_is_there() {
     let sim = ["on", "--for", "1s", "--sim", "7i92-7i77", "--yes"];
     for (name, said) in [
         (
@@ -127,7 +127,7 @@ fn a_terminal_without_an_output_is_refused_with_what_is_there() {
 }
 
 #[test]
-fn a_remote_is_started_in_the_mode_that_is_given() {
+fn remote_is_started_in_the_mode_that_is_given() {
     let sim = ["1", "--for", "1s", "--sim", "7i97,0=7i77-io", "--yes"];
     let count = ["set", "7i77.0.0.analogin0"];
     let without = run(&[&count[..], &sim].concat());
@@ -140,7 +140,7 @@ fn a_remote_is_started_in_the_mode_that_is_given() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn it_says_when_the_output_is_on_counts_down_and_says_when_it_is_off() {
+fn set_reports_output_on_counts_down_and_reports_it_off() {
     let mut board = board();
     let mut jog = begin(&board, &[OUTPUT, "on", "--for", "3s"]);
     let err = jog.child().stderr.take().expect("its messages");
@@ -172,7 +172,7 @@ fn it_says_when_the_output_is_on_counts_down_and_says_when_it_is_off() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn on_a_terminal_the_seconds_replace_each_other() {
+fn countdown_seconds_replace_each_other_on_a_terminal() {
     let jog = "set TB8-20 on --for 30s --sim 7i92-7i77 --yes";
     let Some(terminal) = Terminal::start("countdown", jog) else {
         return;

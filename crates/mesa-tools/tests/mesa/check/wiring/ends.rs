@@ -11,7 +11,7 @@ use crate::run::{Run, command, hold_against_schema, run};
 use crate::terminal::Terminal;
 
 #[test]
-fn what_makes_no_sense_is_refused_before_anything_is_started() {
+fn invalid_arguments_are_refused_before_anything_starts() {
     let sim = ["--sim", "7i92-7i77"];
     for (arguments, code, said) in [
         (&["TB8"][..], 2, "--timeout"),
@@ -55,7 +55,7 @@ fn what_makes_no_sense_is_refused_before_anything_is_started() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_file_that_is_there_is_replaced_only_with_consent() {
+fn file_that_is_there_is_replaced_only_with_consent() {
     let file = Scratch::new("wiring-old.txt");
     fs::write(&file.0, "the old report").expect("written");
     let all = ["wiring", "input-00", "--sim", "7i97", "--timeout", "0.5"];
@@ -71,7 +71,7 @@ fn a_file_that_is_there_is_replaced_only_with_consent() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_signal_ends_it_with_the_report_so_far() {
+fn signal_ends_it_with_the_report_so_far() {
     for (signal, code) in [("INT", 130), ("TERM", 143), ("HUP", 129)] {
         let mut board = board();
         let file = Scratch::new(&format!("wiring-{signal}.json"));
@@ -98,7 +98,7 @@ fn a_signal_ends_it_with_the_report_so_far() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_board_that_dies_is_no_change_and_the_report_is_kept() {
+fn board_that_dies_is_no_change_and_the_report_is_kept() {
     let mut board = board();
     let file = Scratch::new("wiring-dead.txt");
     let mut guided = Guided::begin(&board, &[INPUTS, "--report", file.path()]);
@@ -143,7 +143,7 @@ fn no_terminal_is_broken_on_a_narrow_screen() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn nobody_reads_what_it_prints_and_it_goes_on_all_the_same() {
+fn wiring_goes_on_if_its_output_is_not_read() {
     let mut board = board();
     let file = Scratch::new("wiring-pipe.txt");
     let mut guided = Guided::begin(&board, &["*7i77.0.0.input-00", "--report", file.path()]);
@@ -157,7 +157,7 @@ fn nobody_reads_what_it_prints_and_it_goes_on_all_the_same() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_board_that_another_program_drives_is_left_alone() {
+fn board_that_another_program_drives_is_left_alone() {
     let mut board = board();
     let address = board.address.to_string();
     let other = ["pins", "--addr", &address, "--seconds", "600"];
@@ -181,7 +181,7 @@ fn a_board_that_another_program_drives_is_left_alone() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn in_a_terminal_a_person_is_guided_and_has_the_report_on_the_screen() {
+fn guide_in_a_terminal_ends_with_the_report_on_the_screen() {
     let mut board = board();
     let arguments = format!("wiring '{INPUTS}' --addr {}", board.address);
     let Some(terminal) = Terminal::start("wiring", &arguments) else {

@@ -25,7 +25,7 @@ fn begin(board: &Board) -> Guided {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn one_output_is_on_at_a_time_and_somebody_says_whether_it_came_on() {
+fn one_output_is_on_at_a_time_and_the_answer_sets_its_verdict() {
     let mut board = board();
     let mut guided = begin(&board);
     for (n, answer, words) in [
@@ -87,7 +87,7 @@ fn one_output_is_on_at_a_time_and_somebody_says_whether_it_came_on() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_signal_and_a_board_that_dies_end_it_with_the_output_off() {
+fn signal_and_a_board_that_dies_end_it_with_the_output_off() {
     let mut board = board();
     let mut guided = Guided::begin(&board, &[OUTPUTS, "--outputs", "--for", "10", "--yes"]);
     guided.says("[1/10] ");
@@ -111,7 +111,7 @@ fn a_signal_and_a_board_that_dies_end_it_with_the_output_off() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn a_remote_that_is_lost_while_its_output_is_on_is_named_and_no_success() {
+fn remote_lost_with_its_output_on_is_named_and_no_success() {
     let mut board = board_without_watchdog();
     let flags = ["--for", "10", "--yes", "--slow-watchdog"];
     let mut guided = Guided::begin(&board, &[&[OUTPUTS, "--outputs"], &flags[..]].concat());
@@ -134,7 +134,7 @@ fn a_remote_that_is_lost_while_its_output_is_on_is_named_and_no_success() {
 /// By then, the operator who agreed may have a hand at the plug.
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn an_output_that_can_not_be_driven_now_is_not_driven_later_without_another_question() {
+fn unreachable_output_is_not_driven_later_without_new_consent() {
     let mut board = board();
     let arguments = format!(
         "wiring '{OUTPUTS}' --outputs --for 1 --addr {}",
@@ -184,7 +184,7 @@ fn agree(terminal: &Terminal) {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn outputs_whose_remote_has_its_watchdog_off_are_not_driven_without_the_flag() {
+fn outputs_with_remote_watchdog_off_are_not_driven_without_flag() {
     let mut board = board();
     let address = board.address.to_string();
     let to = ["--addr", &address, "--yes"];
@@ -212,7 +212,7 @@ fn outputs_whose_remote_has_its_watchdog_off_are_not_driven_without_the_flag() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn in_a_terminal_each_output_is_driven_only_when_somebody_says_so() {
+fn output_in_a_terminal_is_driven_only_with_its_own_consent() {
     let mut board = board();
     let arguments = format!(
         "wiring '{OUTPUTS}' --outputs --for 5 --addr {}",
@@ -241,7 +241,7 @@ fn in_a_terminal_each_output_is_driven_only_when_somebody_says_so() {
 }
 
 #[test]
-fn without_the_option_and_for_enables_and_voltages_nothing_is_ever_driven() {
+fn no_enable_or_voltage_nor_output_without_option_is_driven() {
     for arguments in [&["output"][..], &["analogena", "--outputs", "--yes"]] {
         let sim = ["--sim", "7i92-7i77", "--timeout", "0.5"];
         let run = run(&[&["wiring"], arguments, &sim[..]].concat());
@@ -252,7 +252,7 @@ fn without_the_option_and_for_enables_and_voltages_nothing_is_ever_driven() {
 
 #[cfg_attr(not(feature = "interop"), ignore = "real clock: --all-features")]
 #[test]
-fn with_the_option_relays_and_outputs_are_driven_and_nothing_else() {
+fn option_drives_relays_and_outputs_only() {
     let all = ["wiring", "--outputs", "--yes", "--json", "--for", "0.1"];
     let some = ["OUT?*", "--timeout", "0.5", "--sim", "7i97"];
     let run = run(&[&all[..], &some[..]].concat());

@@ -301,7 +301,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_bite_from_before_is_usual_and_other_faults_are_not() {
+    fn bite_from_before_is_usual_and_other_faults_are_not() {
         let [bite, low] =
             [RemoteFaults::WATCHDOG, RemoteFaults::LOW_VOLTAGE].map(|fault| fault.to_string());
         let usual = "its watchdog had bitten, as after each power-up and each program";

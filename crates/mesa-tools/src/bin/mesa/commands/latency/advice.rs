@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn with_everything_given_the_computer_is_named() {
+    fn advice_names_the_computer_if_all_options_are_given() {
         let given = setting(Some(40), &[3], true);
         let advice = given.for_thread();
         assert!(advice.contains("`mesa doctor` shows"), "{advice}");

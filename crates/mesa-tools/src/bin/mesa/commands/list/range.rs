@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_none_or_too_many_is_said() {
+    fn invalid_or_too_large_ranges_are_refused_with_the_reason() {
         for (text, said) in [
             ("board", "expected IP"),
             ("10.0.0.1/33", "expected IP"),

@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn what_answers_and_is_no_board_is_another_device() {
+    fn host_that_refuses_packets_is_reported_as_another_device() {
         let network = Network {
             interfaces: vec![interface("eth1", Ready)],
             routes: vec![route("eth1", [10, 10, 10, 0], 24, [0; 4])],

@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bit_has_vertical_edges_and_is_filled_while_it_is_on() {
+    fn bit_has_vertical_edges_and_is_filled_while_it_is_on() {
         let part = [(0.0, 0.0), (1.0, 1.0), (2.0, 1.0), (3.0, 0.0)];
         let corners = [
             (0.0, 0.0),

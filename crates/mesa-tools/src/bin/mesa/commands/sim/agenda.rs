@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn a_condition_compares_numbers_as_numbers_and_words_as_words() {
+    fn condition_compares_numbers_as_numbers_and_words_as_words() {
         for (wanted, value, holds) in [
             ("1", "1", true),
             ("8", "8.0000", true),

@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn a_terminal_is_whole_at_any_width_and_so_are_values_and_notes() {
+    fn terminal_is_whole_at_any_width_and_so_are_values_and_notes() {
         let pins = pins();
         for width in 20..200 {
             let columns = Columns::fit(width, &pins.iter().collect::<Vec<_>>());
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn the_trend_goes_first_then_the_note_then_a_part_of_the_name() {
+    fn trend_goes_first_then_the_note_then_a_part_of_the_name() {
         let pins = pins();
         let shown = |width| {
             let columns = Columns::fit(width, &pins.iter().collect::<Vec<_>>());

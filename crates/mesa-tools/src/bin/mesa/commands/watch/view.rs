@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_name_keeps_its_begin_and_its_end() {
+    fn long_name_keeps_its_begin_and_its_end() {
         assert_eq!(shortened("7i77.0.0.input-00", 17), "7i77.0.0.input-00");
         assert_eq!(shortened("7i77.0.0.input-00-not", 11), "7i77.…0-not");
         assert_eq!(shortened("input", 1), "…");
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn terminals_come_first_and_parameters_and_inverted_pins_on_request() {
+    fn terminals_come_first_parameters_and_inverted_pins_on_request() {
         let snapshot = snapshot();
         let places = |is_all| {
             let all = Pattern::default();

@@ -26,7 +26,7 @@ fn virtual_time_passes_with_waits_and_exchanges_only() {
 }
 
 #[test]
-fn what_a_link_has_done_is_there_for_the_next_one() {
+fn board_state_is_kept_for_the_next_link() {
     let simulated = simulated(Passage::Virtual);
     let mut first = simulated.link();
     first.sleep(LONG);
@@ -56,7 +56,7 @@ fn paced_time_is_never_ahead_and_drops_a_long_lag() {
 }
 
 #[test]
-fn on_the_hosts_clock_a_pause_of_this_program_counts() {
+fn pause_of_the_program_counts_on_the_host_clock() {
     let mut link = simulated(Passage::Host).link();
     let begun = link.now();
     std::thread::sleep(Duration::from_millis(2));

@@ -13,7 +13,7 @@ fn parsed(text: &str) -> Result<Description, String> {
 }
 
 #[test]
-fn the_example_is_read_as_its_comments_say() {
+fn example_is_read_as_its_comments_describe() {
     let mill = parsed(MILL).unwrap();
     assert_eq!(mill.board.name, "7i97");
     assert_eq!(mill.mac, Some(Mac([0x00, 0x60, 0x1B, 0x1B, 0x00, 0x97])));
@@ -36,7 +36,7 @@ fn the_example_is_read_as_its_comments_say() {
 }
 
 #[test]
-fn the_stepper_example_is_read_as_its_comments_say() {
+fn stepper_example_is_read_as_its_comments_describe() {
     let router = parsed(ROUTER).unwrap();
     assert_eq!(router.board.name, "7i92-7i76");
     let Mover::Stepper {
@@ -57,7 +57,7 @@ fn the_stepper_example_is_read_as_its_comments_say() {
 }
 
 #[test]
-fn what_the_examples_call_defaults_are_the_defaults() {
+fn documented_defaults_of_the_examples_are_the_defaults() {
     let motor = MotorConfig::default();
     are_the_defaults(
         MILL,
@@ -303,7 +303,7 @@ fn remotes_are_on_any_serial_port_of_a_firmware() {
 }
 
 #[test]
-fn a_place_that_a_firmware_does_not_have_is_refused() {
+fn place_that_a_firmware_does_not_have_is_refused() {
     for (from, to, said) in [
         ("port = 2", "port = 3", "this board has ports 0 to 2"),
         (
@@ -340,7 +340,7 @@ fn a_place_that_a_firmware_does_not_have_is_refused() {
 }
 
 #[test]
-fn an_error_names_its_line_its_key_and_what_is_allowed() {
+fn error_names_its_line_its_key_and_what_is_allowed() {
     let all = MISTAKES.iter().map(|mistake| (MILL, mistake));
     let all = all.chain(STEPPER_MISTAKES.iter().map(|mistake| (ROUTER, mistake)));
     for (example, &(from, to, key, allowed)) in all {

@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_text_that_fits_is_taken() {
+    fn first_text_that_fits_is_taken() {
         let texts = || {
             vec![
                 "longest one".to_owned(),

@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn a_list_is_scrolled_as_far_as_it_goes() {
+    fn list_is_scrolled_as_far_as_it_goes() {
         let mut scroll = Scroll::default();
         scroll.fit(25, 10);
         scroll.key(KeyCode::PageDown);

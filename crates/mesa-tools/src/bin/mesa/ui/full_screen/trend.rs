@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_trend_goes_from_the_least_to_the_largest() {
+    fn trend_goes_from_the_least_to_the_largest() {
         let line = |samples: &[f64]| {
             let mut trend = Trend::default();
             for sample in samples {

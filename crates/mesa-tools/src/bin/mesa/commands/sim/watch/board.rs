@@ -377,7 +377,7 @@ mod tests {
     }
 
     #[test]
-    fn which_signals_are_on_is_said_shortly() {
+    fn active_signals_are_listed_as_ranges() {
         assert_eq!(ranges(&[]), "none");
         assert_eq!(ranges(&[3]), "3");
         assert_eq!(ranges(&[0, 1, 2, 7, 9, 10]), "0-2 7 9-10");
@@ -397,7 +397,7 @@ mod tests {
     }
 
     #[test]
-    fn a_remote_is_in_the_state_that_its_truth_gives() {
+    fn remote_is_in_the_state_that_its_truth_gives() {
         let good = "remote.0.device 7i72\nremote.0.plugged 1\nremote.0.powered 1\n\
                     remote.0.bootloader 0\nremote.0.faults 00\nremote.0.mode 0\n";
         for (more, requests, state) in [
@@ -428,7 +428,7 @@ mod tests {
     }
 
     #[test]
-    fn clients_that_talk_are_named_and_the_watchdog_is_told() {
+    fn active_clients_and_the_watchdog_state_are_shown() {
         let mut view = BoardView::new("mill", "127.0.0.1:27181".to_owned());
         let line = |view: &BoardView| view.line(palette(), 120).to_string();
         view.take("time 0\nboard.name 7I97\nnetwork.received.packets 0\n");

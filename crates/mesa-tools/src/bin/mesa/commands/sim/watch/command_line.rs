@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_is_typed_corrected_and_had_again() {
+    fn line_is_typed_corrected_and_had_again() {
         let mut line = CommandLine::default();
         assert_eq!(enter(&mut line, "estop on").as_deref(), Some("estop on"));
         assert_eq!(enter(&mut line, "turn x 5").as_deref(), Some("turn x 5"));
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_kept_is_bounded() {
+    fn command_line_history_and_length_are_bounded() {
         let mut line = CommandLine::default();
         for n in 0..2 * MAX_BEFORE {
             enter(&mut line, &n.to_string());

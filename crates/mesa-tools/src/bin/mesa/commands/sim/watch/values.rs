@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_is_that_of_the_last_second() {
+    fn rate_is_that_of_the_last_second() {
         let mut rate = Rate::default();
         assert_eq!(rate.per_second(), 0.0);
         rate.push(0.0, 5.0);

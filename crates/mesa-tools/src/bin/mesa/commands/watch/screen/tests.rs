@@ -72,7 +72,7 @@ fn lines(picture: &str) -> Vec<&str> {
 }
 
 #[test]
-fn board_packets_watchdog_cycle_remotes_and_pins_are_on_the_screen() {
+fn screen_shows_board_packets_watchdog_cycle_remotes_and_pins() {
     let picture = picture(&mut screen(""));
     for text in [
         " hm2_7i92.0 ",
@@ -98,7 +98,7 @@ fn value<'a>(picture: &'a str, pin: &str) -> Option<&'a str> {
 }
 
 #[test]
-fn the_value_of_an_input_follows_its_switch() {
+fn value_of_an_input_follows_its_switch() {
     let mut driver = driver();
     let mut screen = screen("7i77.0.0.input-0");
     for (level, shown) in [(true, "ON"), (false, "off"), (true, "ON")] {
@@ -120,7 +120,7 @@ fn the_value_of_an_input_follows_its_switch() {
 }
 
 #[test]
-fn what_is_typed_filters_at_once_and_q_is_a_letter_there() {
+fn typed_text_filters_at_once_and_q_is_a_letter_in_the_filter() {
     let mut screen = screen("");
     type_text(&mut screen, "/inq");
     assert!(picture(&mut screen).contains("filter: inq_"));
@@ -165,7 +165,7 @@ fn scrolling_stays_within_the_list() {
 }
 
 #[test]
-fn a_small_terminal_shows_pins_with_their_terminals() {
+fn small_terminal_shows_pins_with_their_terminals() {
     let mut screen = screen("input-02");
     let narrow = picture_of(&mut screen, 80, 24);
     let pin = narrow.lines().find(|line| line.contains("input-02 "));
@@ -181,7 +181,7 @@ fn a_small_terminal_shows_pins_with_their_terminals() {
 }
 
 #[test]
-fn what_is_not_at_a_terminal_follows_and_parameters_come_with_a_key() {
+fn pins_without_terminals_come_last_and_a_key_adds_parameters() {
     let mut screen = screen("");
     let first = picture(&mut screen);
     let heading = lines(&first)
@@ -213,14 +213,14 @@ fn what_is_not_at_a_terminal_follows_and_parameters_come_with_a_key() {
 }
 
 #[test]
-fn what_is_hidden_is_counted() {
+fn hidden_pins_are_counted() {
     let mut screen = screen("input-02");
     assert!(picture(&mut screen).contains(" pins: 1; a: 1 more "));
 }
 
 /// The text at three widths: a terminal is whole at each of them.
 #[test]
-fn the_line_of_a_pin_fits_narrow_screens() {
+fn line_of_a_pin_fits_narrow_screens() {
     let mut screen = screen("7i77.0.0.input-02");
     let name = "7i77.0.0.input-02";
     let line = |trend: usize| {
@@ -265,7 +265,7 @@ fn every_terminal_is_whole_at_any_width() {
 }
 
 #[test]
-fn nothing_about_board_and_remotes_is_cut() {
+fn board_and_remote_lines_are_not_truncated() {
     for columns in [40, 80, 120] {
         let picture = picture_of(&mut screen(""), columns, 60);
         let text = lines(&picture).join(" ");
@@ -281,7 +281,7 @@ fn nothing_about_board_and_remotes_is_cut() {
 }
 
 #[test]
-fn a_screen_of_any_size_is_drawn() {
+fn screen_of_any_size_is_drawn() {
     let mut screen = screen("");
     for (width, height) in [(1, 1), (10, 5), (20, 12), (300, 100)] {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();

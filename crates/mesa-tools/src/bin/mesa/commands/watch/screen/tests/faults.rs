@@ -238,17 +238,17 @@ fn check_three(first: &[Deed]) {
 }
 
 #[test]
-fn the_screen_says_what_is_true_now_after_a_fault_of_a_remote_and_two_others() {
+fn screen_is_correct_after_a_remote_fault_and_two_others() {
     check_three(&[Deed::Unplug, Deed::FieldPowerOff]);
 }
 
 #[test]
-fn the_screen_says_what_is_true_now_after_a_fault_of_the_board_and_two_others() {
+fn screen_is_correct_after_a_board_fault_and_two_others() {
     check_three(&[Deed::PowerCycle, Deed::Reset, Deed::NetworkOff]);
 }
 
 #[test]
-fn what_was_unknown_is_not_counted_as_time_in_which_a_remote_ran() {
+fn unknown_time_is_not_counted_as_running_time_of_a_remote() {
     let mut stage = Stage::new();
     stage.run(2000);
     assert!(stage.shown().contains("0.0 7I77  running    for 10 s"));
