@@ -362,11 +362,13 @@ impl fmt::Display for OfSystem {
 /// assert_eq!(LinkError::from(error).kind(), BusErrorKind::Unreachable);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{text}{}", OfCode(*.code))]
+#[error("{text}{}", OfCode(.has_code.then_some(*.code)))]
 pub struct CustomError {
     kind: BusErrorKind,
     text: &'static str,
-    code: Option<u32>,
+    /// Not an `Option`, so that errors stay small.
+    code: u32,
+    has_code: bool,
     /// A reference, so that errors stay small.
     advice: Option<&'static Advice>,
 }
@@ -377,7 +379,8 @@ impl CustomError {
         Self {
             kind,
             text,
-            code: None,
+            code: 0,
+            has_code: false,
             advice: None,
         }
     }
@@ -386,7 +389,8 @@ impl CustomError {
     #[must_use]
     pub const fn with_code(self, code: u32) -> Self {
         Self {
-            code: Some(code),
+            code,
+            has_code: true,
             ..self
         }
     }
@@ -412,7 +416,7 @@ impl CustomError {
 
     /// The number of the failure, if it has one.
     pub const fn code(&self) -> Option<u32> {
-        self.code
+        if self.has_code { Some(self.code) } else { None }
     }
 }
 
