@@ -93,7 +93,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// # cycles(&mut driver, 100);
     /// // A card is unplugged, and the operator asks for everything already.
     /// let rearmed = driver.rearm_when_running();
-    /// assert_eq!((rearmed.waiting, rearmed.coming), (1, 1));
+    /// assert_eq!((rearmed.waiting, rearmed.rearm_pending), (1, 1));
     /// # cable(&mut driver, true);
     /// # cycles(&mut driver, 6_000);
     /// // It is plugged in, and is armed without another call.

@@ -372,7 +372,7 @@ pub enum EventKind {
         mask: u32,
     },
     /// An event of a module outside of this crate, by
-    /// [`ReadCycle::tell`](crate::modules::ReadCycle::tell).
+    /// [`ReadCycle::report`](crate::modules::ReadCycle::report).
     [OF_MODULE = 23, fault; "module {module:02X}: event {code}, value {value}"]
     OfModule {
         /// The GTAG of the module.

@@ -1,7 +1,9 @@
 //! Pins whose type is known at run time only: for tools, recorders and remote control.
 
+#[cfg(any(test, feature = "std"))]
+use super::Role;
 use super::values::MAX_ENABLES;
-use super::{AnyValue, HalType, PinError, PinId, PinInfo, Pins, Reading, Role};
+use super::{AnyValue, HalType, PinError, PinId, PinInfo, Pins, Reading};
 
 /// Pins whose type is known at run time only.
 impl Pins {

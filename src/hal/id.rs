@@ -1,7 +1,9 @@
 //! Pins and groups without kind and type.
 
+#[cfg(any(feature = "serde", feature = "std"))]
+use super::GroupId;
+use super::Handle;
 use super::handle::Key;
-use super::{GroupId, Handle};
 
 /// A pin or parameter of any kind and type. The default belongs to no store.
 ///
