@@ -327,7 +327,7 @@ fn half_a_card_and_a_card_in_its_bootloader_are_not_in_order() {
         let value = json(&["--addr", &address]);
         let finding = value["findings"][0].as_str().expect("a finding");
         assert!(
-            finding.contains(&format!("channel {channel}: no 7I77")),
+            finding.contains(&format!("channel {channel}: no reply from the 7I77")),
             "{finding}"
         );
         board.console.run(&format!("plug {channel}"));

@@ -50,7 +50,7 @@ fn invalid_boot_block_is_refused_and_written_on_request() {
     let mut other = FlashLayout::I7I97.boot_page();
     other[25] = 0x08;
     put(&board, Area::BootBlock, &other);
-    refused("at 0x000019 is 0x08, expected 0x10");
+    refused("0x000019 reads 0x08, expected 0x10");
     let verify = run(&["flash", "verify", good.path(), "--addr", &address]);
     assert_eq!(verify.code, Some(1), "{verify:?}");
     assert!(
