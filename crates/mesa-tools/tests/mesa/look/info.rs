@@ -375,7 +375,7 @@ fn half_a_card_and_a_card_in_its_bootloader_are_not_in_order() {
     assert_eq!(doubts.as_array().map(Vec::len), Some(3), "{doubts}");
     board.console.run("jumper 0 operate");
     let findings = json(&["--addr", &address])["findings"].to_string();
-    assert!(findings.contains("waits in its bootloader"), "{findings}");
+    assert!(findings.contains("is in its bootloader"), "{findings}");
     assert!(!findings.contains("has_discovery"), "{findings}");
 }
 
