@@ -28,7 +28,7 @@ const LIMIT: usize = 2; // TB8 pin 3
 const BUTTON: usize = 5; // TB8 pin 6
 
 /// What happens at the machine, by cycle of 1 ms.
-const STORY: [(u64, &str, Act); 12] = [
+const STORY: [(u64, &str, Act); 14] = [
     (100, "the button is pressed", Act::Input(BUTTON, true)),
     (200, "and released", Act::Input(BUTTON, false)),
     (
@@ -45,7 +45,9 @@ const STORY: [(u64, &str, Act); 12] = [
         Act::Input(LIMIT, false),
     ),
     (1300, "and leaves it", Act::Input(LIMIT, true)),
-    (1500, "the board is reset", Act::Reset),
+    (1490, "the button is held", Act::Input(BUTTON, true)),
+    (1500, "while the board is reset", Act::Reset),
+    (1900, "and released", Act::Input(BUTTON, false)),
     (2000, "the button is pressed", Act::Input(BUTTON, true)),
     (2100, "and released", Act::Input(BUTTON, false)),
     (2500, "the end", Act::End),
@@ -63,25 +65,30 @@ struct Machine {
     drive: AnalogOut,
     /// The outputs of the drive, which are armed together.
     group: GroupId,
-    was_pressed: bool,
+    is_released: bool,
     is_on: bool,
     starts: u32,
 }
 
 impl Machine {
     /// The machine's logic, between the read and the write of a cycle.
-    fn step(&mut self, driver: &mut Driver<SimFpga>) -> Result<(), Box<dyn Error>> {
-        if driver.board_state() == BoardState::Reset {
-            driver.restore()?;
+    fn step(&mut self, driver: &mut Driver<SimFpga>, has_read: bool) {
+        if has_read && driver.board_state() != BoardState::Running {
+            let _ = driver.restore(); // if it fails, it is tried again in the next cycle
         }
         let pins = driver.pins();
-        let input = |n: usize| self.field.inputs[n].read(pins).within(Age::LOST_PACKET);
+        let input = |n: usize| {
+            self.field.inputs[n]
+                .read(pins)
+                .within(Age::NEIGHBOUR_RESTART)
+        };
         let is_chain_closed = input(CHAIN) == Some(true);
         let is_limit_free = input(LIMIT) == Some(true);
-        let is_pressed = input(BUTTON) == Some(true);
-        let is_new = !replace(&mut self.was_pressed, is_pressed) && is_pressed;
-        if is_new && is_chain_closed {
-            self.is_on = driver.rearm()?.waiting == 0;
+        // Only a press after a release that was seen counts, not a button that was held meanwhile.
+        let button = input(BUTTON);
+        let was_released = replace(&mut self.is_released, button == Some(false));
+        if was_released && button == Some(true) && is_chain_closed && !self.is_on {
+            self.is_on = driver.rearm().is_ok_and(|rearmed| rearmed.waiting == 0);
             self.starts += u32::from(self.is_on);
         }
         let group = driver.pins().group_state(self.group);
@@ -90,7 +97,6 @@ impl Machine {
         self.drive.enable(driver.pins_mut(), self.is_on);
         self.drive
             .set(driver.pins_mut(), if self.is_on { volts } else { 0.0 });
-        Ok(())
     }
 }
 
@@ -112,39 +118,36 @@ fn run() -> Result<ExitCode, Box<dyn Error>> {
         field: driver.attach((0, 0))?,
         drive: driver.attach::<I7i77Analog>((0, 1))?.analog_out[0],
         group: driver.remote((0, 1)).ok_or("no 7I77")?.pins.group,
-        was_pressed: false,
+        is_released: false,
         is_on: false,
         starts: 0,
     };
-    let mut failure = None;
     let ended = Runner::new(driver).run(|cycle| {
         let (number, was_on) = (cycle.number, machine.is_on);
+        let has_read = cycle.read.is_ok();
         for (_, text, act) in STORY.iter().filter(|(at, ..)| *at == number) {
             println!("cycle {number}: {text}");
-            let acted = match *act {
-                Act::Input(input, on) => set_input(cycle.driver.bus_mut(), input, on),
+            let is_over = match *act {
+                Act::Input(input, on) => set_input(cycle.driver.bus_mut(), input, on).is_err(),
                 Act::Reset => {
                     cycle.driver.bus_mut().reload();
-                    Ok(())
+                    false
                 }
-                Act::End => return Break(()),
+                Act::End => true,
             };
-            failure = acted.err();
+            if is_over {
+                return Break(());
+            }
         }
-        failure = failure.take().or(machine.step(cycle.driver).err());
+        machine.step(cycle.driver, has_read);
         for event in events.by_ref() {
-            println!("  {event}");
+            println!("  {}", event.with_advice());
         }
         if was_on != machine.is_on {
             println!("  axis {}", if machine.is_on { "on" } else { "OFF" });
         }
-        if failure.is_none() {
-            Continue(())
-        } else {
-            Break(())
-        }
+        Continue(())
     });
-    failure.map_or(Ok(()), Err)?;
     ended.stopped?; // outputs off, ports stopped
     println!("started {} times, each time by the button", machine.starts);
     Ok(ExitCode::from(u8::from(machine.starts != 3)))

@@ -15,7 +15,7 @@ use std::process::ExitCode;
 use mesa_hal::bus::DynBus;
 use mesa_hal::hal::{Age, AnalogOut, Counter, PinError};
 use mesa_hal::runner::{Runner, Stop};
-use mesa_hal::{Driver, I7i77Analog, I7i97, Settings, UdpBus, UdpConfig};
+use mesa_hal::{Driver, I7i77Analog, I7i97, MesaError, Settings, UdpBus, UdpConfig};
 use mesa_hal_sim::{Motor, machines};
 
 /// Encoder counts for a unit of position, and units per second at 10 V: the data of the motors.
@@ -30,6 +30,7 @@ const SETTLED: f64 = 0.25;
 struct Axis {
     encoder: Counter,
     drive: AnalogOut,
+    /// Worst following error so far; NaN before the first one that counts.
     worst: f64,
 }
 
@@ -43,13 +44,14 @@ fn main() -> ExitCode {
 fn run() -> Result<ExitCode, Box<dyn Error>> {
     let (address, seconds) = options()?;
     let bus = match address {
-        Some(address) => DynBus::new(UdpBus::connect(address, UdpConfig::default())?),
+        Some(address) => DynBus::new(connected(address)?),
         None => DynBus::new(machines::six_axes_7i92(Motor::default())),
     };
-    let mut driver = Driver::start(bus, Settings::default())?; // 1 ms
+    let driver = Driver::start(bus, Settings::default()); // 1 ms
+    let mut driver = driver.map_err(|error| error.with_advice().to_string())?;
     let mut axes = axes(&mut driver)?;
     let period = driver.period().as_secs_f64();
-    let (mut failed, cycles) = (0, seconds * 1000);
+    let (mut failed, cycles) = (0, u64::from(seconds) * 1000);
 
     let ended = Runner::new(driver)
         .stop_on(Stop::on_signals()?)
@@ -110,6 +112,11 @@ fn run() -> Result<ExitCode, Box<dyn Error>> {
     })
 }
 
+fn connected(address: SocketAddrV4) -> Result<UdpBus, String> {
+    let bus = UdpBus::connect(address, UdpConfig::default());
+    bus.map_err(|error| error.with_advice().to_string())
+}
+
 /// The analog outputs of a 7I97, or else of the 7I77 on channel 1, each with an encoder of the
 /// board.
 fn axes(driver: &mut Driver<DynBus>) -> Result<Vec<Axis>, Box<dyn Error>> {
@@ -125,14 +132,14 @@ fn axes(driver: &mut Driver<DynBus>) -> Result<Vec<Axis>, Box<dyn Error>> {
         Ok(Axis {
             encoder,
             drive,
-            worst: 0.0,
+            worst: f64::NAN,
         })
     });
     Ok(axes.collect::<Result<_, PinError>>()?)
 }
 
 /// The address of the board, and the time in seconds.
-fn options() -> Result<(Option<SocketAddrV4>, u64), Box<dyn Error>> {
+fn options() -> Result<(Option<SocketAddrV4>, u32), Box<dyn Error>> {
     let (mut address, mut seconds) = (None, 5);
     let mut arguments = std::env::args().skip(1);
     while let Some(option) = arguments.next() {

@@ -7,7 +7,7 @@ use core::ops::Deref;
 use super::arrival::ArrivalClock;
 use super::connection::Connection;
 use super::cycle::BoardCycle;
-use super::pace::Pacer;
+use super::pace::ExchangePacer;
 use super::parts::{ModulePart, Parts};
 use super::period::check_range;
 use super::plan::Plan;
@@ -370,7 +370,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
             description: self.description,
             missing: plan.missing,
             remarks: plan.remarks,
-            pacer: Pacer::new(pace, period),
+            pacer: ExchangePacer::new(pace, period),
             is_stopped: false,
         };
         #[cfg(feature = "log")]

@@ -95,7 +95,7 @@ use crate::hal::{GroupId, Pins};
 use crate::hostmot2::{FirmwareCheck, HostMot2};
 use crate::modules::Module;
 use cycle::BoardCycle;
-use pace::Pacer;
+use pace::ExchangePacer;
 use safe_bus::SafeBus;
 
 /// A board with all its parts, in the cycle.
@@ -130,7 +130,7 @@ pub struct Driver<B: RegisterBus + Clock> {
     description: FirmwareCheck,
     missing: Vec<Remark>,
     remarks: Vec<Remark>,
-    pacer: Pacer,
+    pacer: ExchangePacer,
     is_stopped: bool,
 }
 

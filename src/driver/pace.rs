@@ -9,7 +9,7 @@ use crate::fraction::Fraction;
 
 /// Pacing of the cycle.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Pacer {
+pub(super) struct ExchangePacer {
     pub pace: Pace,
     pub period: Duration,
     /// The read that was requested ahead, and when.
@@ -24,7 +24,7 @@ pub(super) struct Pacer {
 /// the board, with the writes between them, and outputs would be late by that many periods.
 const MAX_FAILURES: u32 = 2;
 
-impl Pacer {
+impl ExchangePacer {
     pub fn new(pace: Pace, period: Duration) -> Self {
         Self {
             pace,

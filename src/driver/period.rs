@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::arrival::ArrivalClock;
-use super::{Driver, DriverError, Pace, Pacer};
+use super::{Driver, DriverError, ExchangePacer, Pace};
 use crate::bus::{Clock, RegisterBus};
 use crate::hostmot2::RemoteId;
 use crate::modules::serial::SerialPort;
@@ -46,7 +46,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             let _ = self.change_parts(self.pacer.period);
             return Err(error);
         }
-        self.pacer = Pacer::new(Pace::Host, period);
+        self.pacer = ExchangePacer::new(Pace::Host, period);
         self.cycle
             .change_clock(ArrivalClock::new(Pace::Host, period));
         self.bus.set_cycle(period, None);

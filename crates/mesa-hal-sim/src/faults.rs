@@ -117,7 +117,7 @@ kinds! {
     /// [`Fault::Executed`]: everything is executed, and the error reports an unusable reply.
     BusNoReply "bus-no-reply" Bus,
     /// [`Fault::AckedButLost`]: a write is lost, which only a later exchange reports.
-    BusSilentWrite "bus-acked-but-lost" Bus,
+    BusAckedButLost "bus-acked-but-lost" Bus,
     /// The application is late, within the time of the watchdog.
     HostLate "host-late" Host,
     /// The application stalls for longer.
@@ -161,7 +161,7 @@ impl From<Fault> for FaultKind {
         match fault {
             Fault::NotExecuted(_) => Self::BusNotExecuted,
             Fault::Executed(_) => Self::BusNoReply,
-            Fault::AckedButLost => Self::BusSilentWrite,
+            Fault::AckedButLost => Self::BusAckedButLost,
         }
     }
 }

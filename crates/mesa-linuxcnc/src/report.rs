@@ -332,8 +332,10 @@ impl Report<'_> {
                     Some(advice) if advice.topic() == AdviceTopic::RemotePower => {
                         f.write_str("; check its cable and power")
                     }
-                    Some(advice) => write!(f, "; {advice}"),
-                    None => Ok(()),
+                    advice => {
+                        let words = advice.and_then(words);
+                        words.map_or(Ok(()), |words| write!(f, "; {words}"))
+                    }
                 }
             }
             OfflineReason::Absent => f.write_str("it was absent at the load"),

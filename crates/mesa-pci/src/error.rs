@@ -1,5 +1,6 @@
 //! Errors of opening a board.
 
+use std::fmt;
 use std::io;
 use std::path::PathBuf;
 
@@ -160,5 +161,16 @@ impl MesaError for PciOpenError {
             } => advice::RESTART_COMPUTER,
             Self::NoCookie { .. } => advice::WRITE_HOSTMOT2,
         })
+    }
+
+    fn write_advice(&self, words: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (Self::DriverBound { address, .. } | Self::MemoryOff { address, .. }) = self else {
+            return f.write_str(words);
+        };
+        let words = words.replace("ADDRESS", &address.to_string());
+        match self {
+            Self::DriverBound { driver, .. } => f.write_str(&words.replace("DRIVER", driver)),
+            _ => f.write_str(&words),
+        }
     }
 }

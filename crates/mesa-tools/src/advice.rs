@@ -57,18 +57,22 @@ pub fn in_command_words(advice: Advice) -> Option<&'static str> {
     })
 }
 
-/// The facts of an error or a remark, and its advice in the words of the command line: `facts;
-/// advice`, or the advice alone without facts.
+/// The facts of a remark, and its advice in the words of the command line: `facts; advice`.
 pub fn with_advice(facts: impl Display, advice: Option<Advice>) -> String {
     let text = WithAdvice::new(&facts, advice).in_words(in_command_words);
-    let text = text.to_string();
-    text.strip_prefix("; ").map(str::to_owned).unwrap_or(text)
+    text.to_string()
 }
 
 /// The facts of an error and its advice in the words of the command line.
 pub fn told(error: &dyn MesaError) -> String {
     let text = WithAdvice::of(error).in_words(in_command_words);
     text.to_string()
+}
+
+/// The advice of an error alone, in the words of the command line, if there is any.
+pub fn advice_of(error: &dyn MesaError) -> Option<String> {
+    let text = WithAdvice::of(error).in_words(in_command_words).alone();
+    Some(text.to_string()).filter(|text| !text.is_empty())
 }
 
 #[cfg(test)]
@@ -169,7 +173,5 @@ mod tests {
         assert_eq!(told(&std::fmt::Error), std::fmt::Error.to_string());
         let hidden = with_advice("a fact", Some(advice::SET_WATCHDOG));
         assert_eq!(hidden, "a fact");
-        let alone = with_advice("", Some(advice::REARM_FIRST));
-        assert_eq!(alone, "give the command again");
     }
 }

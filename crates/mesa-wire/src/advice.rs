@@ -229,6 +229,15 @@ pub trait MesaError: Error + 'static {
         None
     }
 
+    /// Writes the words for an advice of this error. An error replaces words in capitals, such as
+    /// `ADDRESS`, by its values: a command then can be typed as it is.
+    ///
+    /// # Errors
+    /// Those of the formatter.
+    fn write_advice(&self, words: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(words)
+    }
+
     /// Joins the facts and the advice: `facts; advice`.
     fn with_advice(&self) -> WithAdvice<'_>
     where
@@ -238,10 +247,13 @@ pub trait MesaError: Error + 'static {
     }
 }
 
-/// Facts, and the [`Advice`] that belongs to them: `facts; advice`. The advice alone without facts.
+/// Facts, and the [`Advice`] that belongs to them: `facts; advice`.
 #[derive(Clone, Copy)]
 pub struct WithAdvice<'a> {
-    facts: &'a dyn fmt::Display,
+    /// `None` for the advice alone.
+    facts: Option<&'a dyn fmt::Display>,
+    /// The error that writes the advice.
+    error: Option<&'a dyn MesaError>,
     advice: [Option<Advice>; 2],
     words: fn(Advice) -> Option<&'static str>,
 }
@@ -250,7 +262,8 @@ impl<'a> WithAdvice<'a> {
     /// Joins facts and advice; without advice the text is that of the facts.
     pub fn new(facts: &'a dyn fmt::Display, advice: Option<Advice>) -> Self {
         Self {
-            facts,
+            facts: Some(facts),
+            error: None,
             advice: [advice, None],
             words: |advice| Some(advice.text()),
         }
@@ -259,8 +272,18 @@ impl<'a> WithAdvice<'a> {
     /// The facts of an error, and its advice.
     pub fn of(error: &'a dyn MesaError) -> Self {
         Self {
+            error: Some(error),
             advice: [error.advice(), error.further_advice()],
             ..Self::new(error, None)
+        }
+    }
+
+    /// Leaves the facts out.
+    #[must_use]
+    pub fn alone(self) -> Self {
+        Self {
+            facts: None,
+            ..self
         }
     }
 
@@ -273,10 +296,19 @@ impl<'a> WithAdvice<'a> {
 
 impl fmt::Display for WithAdvice<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.facts.fmt(f)?;
+        let mut separator = "";
+        if let Some(facts) = self.facts {
+            facts.fmt(f)?;
+            separator = "; ";
+        }
         let [first, second] = self.advice.map(|advice| advice.and_then(self.words));
-        for text in [first, second.filter(|_| second != first)] {
-            text.map_or(Ok(()), |text| write!(f, "; {text}"))?;
+        let different = second.filter(|_| second != first);
+        for text in [first, different].into_iter().flatten() {
+            f.write_str(core::mem::replace(&mut separator, "; "))?;
+            match self.error {
+                Some(error) => error.write_advice(text, f)?,
+                None => f.write_str(text)?,
+            }
         }
         Ok(())
     }
@@ -298,6 +330,7 @@ impl MesaError for core::convert::Infallible {}
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alloc::format;
     use alloc::string::ToString;
 
     #[derive(Debug, thiserror::Error)]
@@ -312,6 +345,21 @@ mod tests {
         fn further_advice(&self) -> Option<Advice> {
             self.0[1]
         }
+
+        fn write_advice(&self, words: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str(&words.replace("CARD", "7i77.0.1"))
+        }
+    }
+
+    #[test]
+    fn error_fills_its_values_in_with_and_without_facts() {
+        let power = Advice::new(AdviceTopic::RemotePower, "check the power of CARD");
+        let again = Advice::new(AdviceTopic::Retry, "try again");
+        let error = Stop([Some(power), Some(again)]);
+        let advice = "check the power of 7i77.0.1; try again";
+        let joined = error.with_advice();
+        assert_eq!(joined.to_string(), format!("the stop failed; {advice}"));
+        assert_eq!(joined.alone().to_string(), advice);
     }
 
     #[test]

@@ -72,7 +72,7 @@ fn driver_of_the_kernel_is_named_with_the_way_to_unbind_it() {
     let error = refused(root.path());
     assert!(error.to_string().contains("`vfio-pci`"), "{error}");
     let text = error.with_advice().to_string();
-    let way = "echo ADDRESS > /sys/bus/pci/drivers/DRIVER/unbind";
+    let way = "echo 0000:05:00.0 > /sys/bus/pci/drivers/vfio-pci/unbind";
     assert!(text.contains(way), "{text}");
 }
 
@@ -113,7 +113,7 @@ fn disabled_memory_is_refused_with_the_command_that_enables_it() {
         error
             .with_advice()
             .to_string()
-            .contains("setpci -s ADDRESS COMMAND=0x2:0x2")
+            .contains("setpci -s 0000:05:00.0 COMMAND=0x2:0x2")
     );
 }
 

@@ -43,7 +43,8 @@ pub fn check_alone(bus: &impl RegisterBus) -> Result<(), Failure> {
         0 => Ok(()),
         packets => {
             let packets = u32::try_from(packets).unwrap_or(u32::MAX);
-            Err(Failure::refused(EventKind::OtherMaster { packets }))
+            let kind = EventKind::OtherMaster { packets };
+            Err(Failure::refused(with_advice(kind, kind.advice())))
         }
     }
 }

@@ -9,7 +9,7 @@ use mesa_hal::driver::StopError;
 use mesa_hal::runner::{Signal, Stop};
 use serde::Serialize;
 
-use mesa_tools::advice::{in_command_words, told};
+use mesa_tools::advice::{advice_of, told};
 
 use crate::ui::hurry::Hurry;
 use crate::ui::output;
@@ -115,7 +115,7 @@ impl Failure {
     /// Refusal because of an error of the library, with a text that contains [what it says](told).
     pub fn of(error: &dyn MesaError, message: impl Display) -> Self {
         Self {
-            advice: error.advice().and_then(in_command_words).map(str::to_owned),
+            advice: advice_of(error),
             is_of_exchange: (error as &dyn Error).downcast_ref::<StopError>().is_none(),
             ..Self::refused(message)
         }
