@@ -9,4 +9,4 @@ pub use mesa_wire::bus::*;
 pub use image::{
     CycleLists, ImageError, ImagePlan, Phase, ReadSlot, Setting, Stage, Words, WriteSlot,
 };
-pub(crate) use image::{CycleWrites, Exchanges, HORIZON, ReadRequest};
+pub(crate) use image::{CycleWrites, Exchanges, HORIZON, ReadRequest, ReadsBeside};

@@ -45,7 +45,7 @@ pub(super) struct Assembly<B: RegisterBus + Clock> {
     pub bus: SafeBus<B>,
     pub plan: Plan,
     pub stages: Vec<PortStage>,
-    parts: Parts,
+    pub parts: Parts,
     description: FirmwareCheck,
 }
 
@@ -218,7 +218,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
         Ok(())
     }
 
-    fn add<T>(
+    pub(super) fn add<T>(
         &mut self,
         register: impl FnOnce(&mut Registrar<'_>) -> Result<T, RegisterError>,
     ) -> Result<T, DriverError> {

@@ -47,6 +47,7 @@ mod discovered;
 mod error;
 mod exchange;
 mod found;
+mod listen;
 #[cfg(feature = "log")]
 mod messages;
 mod own_pins;
@@ -81,6 +82,7 @@ pub use crate::settings::{
 };
 pub use configure::{Board, Configured};
 pub use error::{CycleError, DriverError};
+pub use listen::Listener;
 pub use plan::Plan;
 pub use remark::silent_part;
 pub use remark::{Remark, RemarkKind};

@@ -4,7 +4,7 @@ use alloc::format;
 use alloc::string::String;
 use alloc::vec::Vec;
 
-use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
+use super::{ListenCycle, Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::{Phase, ReadSlot, Setting, Stage, WriteSlot};
 use crate::hal::{DigitalIn, MAX_NAME, Output, Param, PinError, PinStore};
 use crate::hostmot2::{Gtag, IoPort, ModuleInstance, PinDescriptor, PinPlace, PortRegisters};
@@ -46,6 +46,8 @@ struct GpioPort {
     /// The registers as the modules use them, before any setting of the application.
     setup: PortRegisters<u32>,
     levels: Option<ReadSlot>,
+    /// The directions that another program has set.
+    driven: ReadSlot,
     /// The last levels that were taken.
     taken: Option<u32>,
     data: Option<WriteSlot>,
@@ -301,6 +303,7 @@ impl GpioPort {
             address,
             source: r.image.setting(Stage::Route, source, word),
             levels: is_read.then(|| r.image.read(Phase::Data, address.data)),
+            driven: r.image.read_back(address.direction),
             taken: None,
             data: is_written.then(|| r.image.output(address.data, setup.data)),
             invert: r.image.setting(Stage::Route, address.invert, setup.invert),
@@ -313,6 +316,22 @@ impl GpioPort {
 }
 
 impl Module for Gpio {
+    fn listen(&mut self, cycle: &mut ListenCycle<'_>) {
+        for port in &self.ports {
+            let levels = port.levels.map(|slot| cycle.words.word(slot));
+            let directions = cycle.words.word(port.driven);
+            for &(place, pins) in &port.pins {
+                if let (Some(input), Some(levels)) = (pins.input, levels) {
+                    cycle.show(input.pin, place.get(levels));
+                    cycle.show(input.not, !place.get(levels));
+                }
+                if let Some(is_output) = pins.is_output {
+                    cycle.show(is_output, place.get(directions));
+                }
+            }
+        }
+    }
+
     /// Publishes the levels that have changed, and all of them at first.
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
         for port in &mut self.ports {

@@ -8,7 +8,7 @@ use core::time::Duration;
 
 use super::limit::Limit;
 use super::registrar::DrivenModule;
-use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bits_of};
+use super::{ListenCycle, Module, ReadCycle, RegisterError, Registrar, WriteCycle, bits_of};
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
 use crate::events::CorrectedValue;
 use crate::hal::{DigitalIn, Input, Output, Param, PinError, PinStore};
@@ -190,6 +190,17 @@ impl InMux {
 }
 
 impl Module for InMux {
+    fn listen(&mut self, cycle: &mut ListenCycle<'_>) {
+        let (filtered, raw) = (cycle.words.word(self.filtered), cycle.words.word(self.raw));
+        for (n, input) in self.pins.inputs.iter().enumerate() {
+            for (pair, word) in [(input.filtered, filtered), (input.raw, raw)] {
+                let level = word >> (n & 31) & 1 != 0;
+                cycle.show(pair.pin, level);
+                cycle.show(pair.not, !level);
+            }
+        }
+    }
+
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
         let was_settling = self.is_settling;
         let held = self.unsettled(cycle.now);

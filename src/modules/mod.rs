@@ -29,7 +29,7 @@ pub mod watchdog;
 
 pub use error::RegisterError;
 pub(crate) use module::{LastFeed, bank_stem, bits_of};
-pub use module::{Module, Outage, ReadCycle, RunOnCycle, WriteCycle};
+pub use module::{ListenCycle, Module, Outage, ReadCycle, RunOnCycle, WriteCycle};
 pub use registrar::Registrar;
 pub use undriven::{Undriven, UndrivenReason, undriven};
 

@@ -7,7 +7,7 @@ use core::time::Duration;
 use super::RegisterError;
 use crate::bus::{Instant, Words};
 use crate::events::{CycleReport, EventKind, EventSink};
-use crate::hal::{Output, PinStore};
+use crate::hal::{AnyValue, Handle, Output, PinId, PinStore, Pins, Value};
 use crate::hostmot2::Gtag;
 
 /// A part of the board in the cycle.
@@ -56,6 +56,13 @@ pub trait Module: Any + fmt::Debug + Send {
     /// Called instead of [`read`](Self::read) with each good read of a board that is not set up any
     /// more: nothing is published, but counters and accumulators that ran on can be followed.
     fn run_on(&mut self, cycle: &RunOnCycle<'_>) {
+        let _ = cycle;
+    }
+
+    /// Shows what the registers of a board say that another program drives:
+    /// [`Board::listen`](crate::Board::listen). Only what is true whatever that program has set:
+    /// levels and states, but no count since a start, and nothing that a parameter scales.
+    fn listen(&mut self, cycle: &mut ListenCycle<'_>) {
         let _ = cycle;
     }
 
@@ -112,6 +119,32 @@ pub struct RunOnCycle<'a> {
     pub now: Instant,
     /// What has happened to the board up to now.
     pub outage: &'a Outage,
+}
+
+/// Input of [`Module::listen`].
+#[derive(Debug)]
+pub struct ListenCycle<'a> {
+    /// The words that were read.
+    pub words: &'a Words,
+    /// Time at which the registers were read.
+    pub now: Instant,
+    pub(crate) pins: &'a Pins,
+    /// By the index of the pin.
+    pub(crate) shown: &'a mut [Option<AnyValue>],
+}
+
+impl ListenCycle<'_> {
+    /// Shows the value of a pin. One of another board changes nothing.
+    pub fn show<K: Copy, T: Value>(&mut self, pin: Handle<K, T>, value: T)
+    where
+        AnyValue: From<T>,
+    {
+        let pin = PinId::from(pin);
+        let is_ours = self.pins.info_of(pin).is_some();
+        if let Some(shown) = self.shown.get_mut(pin.index()).filter(|_| is_ours) {
+            *shown = Some(value.into());
+        }
+    }
 }
 
 /// Input of [`Module::read`].

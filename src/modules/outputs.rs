@@ -7,8 +7,8 @@ use alloc::vec::Vec;
 
 use super::limit::Limit;
 use super::registrar::DrivenModule;
-use super::{Module, RegisterError, Registrar, WriteCycle, bits_of};
-use crate::bus::{Setting, Stage, WriteSlot};
+use super::{ListenCycle, Module, RegisterError, Registrar, WriteCycle, bits_of};
+use crate::bus::{ReadSlot, Setting, Stage, WriteSlot};
 use crate::events::CorrectedValue;
 use crate::hal::{DigitalOut, Invert, Output, Spec};
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor, ModuleInstance};
@@ -27,6 +27,8 @@ pub struct Outputs {
     reported: Option<i64>,
     clock_hz: u32,
     data: WriteSlot,
+    /// The outputs that another program has set. Only with SSR.
+    state: Option<ReadSlot>,
     /// The register of the drive: without drive the relays are off whatever the data is.
     drive: Option<Setting>,
 }
@@ -73,9 +75,11 @@ impl Outputs {
         r.use_io(gtag, number)?;
         let name = if gtag == Gtag::SSR { "ssr" } else { "outm" };
         let stem = format!("{name}.{number:02}.");
-        let data = r.image.output(module.register(0, instance)?, 0);
-        let (mut rate, mut drive) = (None, None);
+        let data_address = module.register(0, instance)?;
+        let data = r.image.output(data_address, 0);
+        let (mut rate, mut drive, mut state) = (None, None, None);
         if gtag == Gtag::SSR {
+            state = Some(r.image.read_back(data_address));
             rate = Some(r.maker(&stem).switch("rate", DRIVE_HZ)?);
             let address = module.register(1, instance)?;
             // Zero until the pins are driven by the module.
@@ -95,6 +99,7 @@ impl Outputs {
             reported: None,
             clock_hz,
             data,
+            state,
             drive,
         })
     }
@@ -146,6 +151,17 @@ fn numbers(r: &Registrar<'_>, of: ModuleInstance) -> Vec<u8> {
 }
 
 impl Module for Outputs {
+    /// An output is shown as it is at its terminal, after any inversion.
+    fn listen(&mut self, cycle: &mut ListenCycle<'_>) {
+        let Some(state) = self.state else {
+            return;
+        };
+        let word = cycle.words.word(state);
+        for NumberedOutput { number, out } in &self.numbered {
+            cycle.show(out.pin, word >> (number & 31) & 1 != 0);
+        }
+    }
+
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
         if !cycle.changed {
             return;

@@ -1,5 +1,5 @@
-//! Buses: LBP16 over UDP, and layers that record accesses or inject faults. With the feature `std`
-//! also the socket, the search for boards and the route to an address.
+//! Buses: LBP16 over UDP, and layers that record accesses or inject faults; names of registers. With
+//! the feature `std` also the socket, the search for boards and the route to an address.
 
 // Runs in the cycle.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
@@ -8,7 +8,7 @@ mod faulty;
 #[cfg(feature = "std")]
 pub mod network;
 mod recording;
-mod register_names;
+mod register_map;
 #[cfg(feature = "std")]
 pub mod search;
 #[cfg(all(test, feature = "std"))]
@@ -18,3 +18,4 @@ pub mod udp;
 pub use crate::bus::Fault;
 pub use faulty::Faulty;
 pub use recording::{BusLog, RecordedEntry, Recording};
+pub use register_map::{NamedRegister, ReadRefusal, RegisterMap};

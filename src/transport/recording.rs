@@ -3,7 +3,7 @@
 use alloc::collections::{VecDeque, vec_deque};
 use core::fmt;
 
-use super::register_names::RegisterNames;
+use super::register_map::RegisterMap;
 use crate::bus::{
     Access, AccessList, BusError, BusErrorKind, BusLayer, ClockedBus, Direction, Instant, Reply,
 };
@@ -294,20 +294,24 @@ struct LogText<'a> {
 
 impl fmt::Display for LogText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut names = RegisterNames::new(self.firmware);
+        let map = RegisterMap::of(self.firmware);
         self.log.heading(f)?;
         for entry in &self.log.entries {
-            match *entry {
-                RecordedEntry::Read { address, word, .. } => {
-                    writeln!(f, "{entry} ; {}", names.read(address, word))?;
-                }
-                RecordedEntry::Written { address, .. } => {
-                    writeln!(f, "{entry} ; {}", names.of(address))?;
-                }
-                RecordedEntry::Failed { .. } | RecordedEntry::LostWrites { .. } => {
-                    writeln!(f, "{entry}")?;
+            write!(f, "{entry}")?;
+            if let RecordedEntry::Read { address, .. } | RecordedEntry::Written { address, .. } =
+                *entry
+            {
+                match map.name(address) {
+                    Some(name) => write!(f, " ; {name}")?,
+                    None => write!(f, " ; register {address:#06X}")?,
                 }
             }
+            if let RecordedEntry::Read { address, word, .. } = *entry
+                && let Some(meaning) = map.meaning(address, word)
+            {
+                write!(f, ": {meaning}")?;
+            }
+            writeln!(f)?;
         }
         Ok(())
     }

@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 
 use super::Phase;
-use super::plan::ImagePlan;
+use super::plan::{ImagePlan, exchange_parts};
 use super::words::{Words, WriteKind};
 use crate::bus::{Access, AccessList, BusError, RegisterBus};
 
@@ -104,6 +104,18 @@ impl Exchanges {
             let number = usize::from(address.checked_sub(access.address)? / 4);
             access.words().nth(number)
         })
+    }
+}
+
+/// The reads beside a program that drives the board.
+#[derive(Debug)]
+pub(crate) struct ReadsBeside(pub(super) Vec<Access>);
+
+impl ReadsBeside {
+    /// Reads all registers, in as many exchanges as the bus needs. On an error, some words are
+    /// those of before.
+    pub fn read<B: RegisterBus>(&self, bus: &mut B, words: &mut Words) -> Result<(), BusError> {
+        exchange_parts(bus, &self.0, &mut words.content)
     }
 }
 

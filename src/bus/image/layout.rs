@@ -4,8 +4,8 @@
 use alloc::{vec, vec::Vec};
 use core::time::Duration;
 
-use super::exchange::{Exchanges, Lists, PacedReads, SettingExchanges};
-use super::plan::{ImagePlan, Register, RepeatedWord, StepPlace, push};
+use super::exchange::{Exchanges, Lists, PacedReads, ReadsBeside, SettingExchanges};
+use super::plan::{ImagePlan, Register, RepeatedWord, StepPlace, Wanted, push};
 use super::{Phase, Stage, Words};
 use crate::bus::{Access, AccessList, BusError, BusErrorKind, Direction, Hold, RegisterBus};
 
@@ -49,8 +49,10 @@ impl ImagePlan {
         held: Option<Duration>,
     ) -> Result<(Exchanges, Words), BusError> {
         debug_assert!(self.check().is_ok(), "it was checked");
-        let reads = Block::new(Direction::Read, &self.reads, 0);
-        let writes = Block::new(Direction::Write, &self.writes, reads.end);
+        let of_driver = |read: &&Register| read.wanted != Wanted::Beside;
+        let of_driver: Vec<_> = self.reads.iter().filter(of_driver).copied().collect();
+        let reads = Block::new(Direction::Read, &of_driver, 0, BRIDGE);
+        let writes = Block::new(Direction::Write, &self.writes, reads.end, BRIDGE);
         let first_setting = writes.end;
         let mut content = vec![0; usize::from(reads.end)];
         content.extend(writes.places.iter().map(|(_, write)| write.word));
@@ -61,7 +63,7 @@ impl ImagePlan {
             renewal,
             quiesce,
         } = self.step_accesses(first_setting, &mut content);
-        let read = |extra| reads.runs(|read| extra || !read.is_extra);
+        let read = |extra| reads.runs(|read| extra || read.wanted == Wanted::Cycle);
         let write = writes.runs(|_| true);
         let writes_of = |phase| writes.runs(|write| write.phase == phase);
         let cycle = |extra| [&write[..], &read(extra)].concat();
@@ -74,7 +76,7 @@ impl ImagePlan {
         let inputs = inputs.concat();
         let inputs_cycle = |extra| [&inputs[..], &read(extra)].concat();
         let evidence = reads.runs(|read| read.phase == Phase::Evidence);
-        let status = reads.runs(|read| read.phase == Phase::Status && !read.is_extra);
+        let status = reads.runs(|read| read.phase == Phase::Status && read.wanted == Wanted::Cycle);
         let mut both = |list: &dyn Fn(bool) -> Vec<Access>, before| {
             let hold = Option::zip(before, held).map(|(before, limit)| Hold { before, limit });
             Ok::<_, BusError>([
@@ -106,6 +108,18 @@ impl ImagePlan {
         let (read_places, write_places) = (reads.index(&self.reads), writes.index(&self.writes));
         let words = Words::new(self, content, read_places, write_places, first_setting);
         Ok((exchanges, words))
+    }
+
+    /// The reads of all registers beside a program that drives the board, but those that mark a
+    /// time for it ([`Phase::First`]), and the words for them. No other register is read along.
+    pub(crate) fn freeze_beside(&self) -> (ReadsBeside, Words) {
+        let listened = |read: &&Register| read.phase != Phase::First;
+        let listened: Vec<_> = self.reads.iter().filter(listened).copied().collect();
+        let reads = Block::new(Direction::Read, &listened, 0, 0);
+        let content = vec![0; usize::from(reads.end)];
+        let places = reads.index(&self.reads);
+        let words = Words::new(&Self::default(), content, places, Vec::new(), reads.end);
+        (ReadsBeside(reads.runs(|_| true)), words)
     }
 
     /// The accesses of the steps in their order. Appends the words of the steps that have no other
@@ -156,6 +170,8 @@ struct StepAccesses {
 /// Registers that are read, or written, in the order of the exchange.
 struct Block {
     direction: Direction,
+    /// Registers in a gap that are read along.
+    bridge: u16,
     /// Each register with its place in the word buffer.
     places: Vec<(u16, Register)>,
     /// One past the last place.
@@ -165,16 +181,16 @@ struct Block {
 impl Block {
     /// Block behind `first` other words. Registers in gaps that are read along have a place as
     /// well.
-    fn new(direction: Direction, registers: &[Register], first: u16) -> Self {
+    fn new(direction: Direction, registers: &[Register], first: u16, bridge: u16) -> Self {
         let mut registers = registers.to_vec();
-        registers.sort_by_key(|register| (register.phase, register.address, register.is_extra));
+        registers.sort_by_key(|register| (register.phase, register.address, register.wanted));
         registers.dedup_by_key(|register| (register.phase, register.address));
         let mut places: Vec<(u16, Register)> = Vec::with_capacity(registers.len());
         let mut end = first;
         for register in registers {
             if let Some((_, before)) = places.last() {
                 let gap = (register.address.wrapping_sub(before.address) / 4).wrapping_sub(1);
-                let is_near = before.phase == register.phase && gap <= BRIDGE;
+                let is_near = before.phase == register.phase && gap <= bridge;
                 if is_near && direction == Direction::Read {
                     end = end.saturating_add(gap);
                 }
@@ -184,6 +200,7 @@ impl Block {
         }
         Self {
             direction,
+            bridge,
             places,
             end,
         }
@@ -195,7 +212,7 @@ impl Block {
         let place = |register| {
             let mut places = self.places.iter();
             let place = places.find(|(_, other)| key(other) == key(register));
-            place.map_or(0, |(place, _)| *place)
+            place.map_or(u16::MAX, |(place, _)| *place)
         };
         registers.iter().map(place).collect()
     }
@@ -207,7 +224,7 @@ impl Block {
             if let Some((phase, run)) = runs.last_mut() {
                 let words = first.saturating_sub(run.first);
                 let distance = register.address.checked_sub(run.address);
-                let is_near = words.saturating_sub(run.count) <= BRIDGE;
+                let is_near = words.saturating_sub(run.count) <= self.bridge;
                 if *phase == register.phase && is_near && distance == words.checked_mul(4) {
                     run.count = words.saturating_add(1);
                     continue;

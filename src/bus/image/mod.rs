@@ -19,6 +19,7 @@ mod layout;
 mod plan;
 mod words;
 
+pub(crate) use exchange::ReadsBeside;
 pub use exchange::{CycleLists, CycleWrites, Exchanges, ReadRequest};
 pub use plan::{ImageError, ImagePlan, Phase, ReadSlot, Setting, Stage, WriteSlot};
 pub(crate) use words::HORIZON;

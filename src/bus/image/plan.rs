@@ -74,10 +74,21 @@ impl MesaError for ImageError {
 pub(super) struct Register {
     pub phase: Phase,
     pub address: u16,
-    /// For a read: contained only in reads with extra registers.
-    pub is_extra: bool,
+    /// For a read: the reads that contain it.
+    pub wanted: Wanted,
     /// For a write: its word until another one is put.
     pub word: u32,
+}
+
+/// The reads that contain a register.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Wanted {
+    /// All.
+    Cycle,
+    /// Those with extra registers, and those beside another program.
+    Extra,
+    /// Those beside another program, which writes it.
+    Beside,
 }
 
 /// A register that is written when its word changes.
@@ -139,14 +150,20 @@ pub struct ImagePlan {
 impl ImagePlan {
     /// Registers a read in every cycle. Several modules may read the same register.
     pub fn read(&mut self, phase: Phase, address: u16) -> ReadSlot {
-        add_read(&mut self.reads, phase, address, false)
+        add_read(&mut self.reads, phase, address, Wanted::Cycle)
     }
 
     /// Registers a read that is made only after a module has
     /// [requested](crate::modules::WriteCycle::request_extra) it, and when the driver checks the
     /// evidence.
     pub fn read_extra(&mut self, phase: Phase, address: u16) -> ReadSlot {
-        add_read(&mut self.reads, phase, address, true)
+        add_read(&mut self.reads, phase, address, Wanted::Extra)
+    }
+
+    /// Registers a read of a register that the module writes, and whose content another program has
+    /// determined: [`Board::listen`](crate::Board::listen) reads it, a driver never does.
+    pub fn read_back(&mut self, address: u16) -> ReadSlot {
+        add_read(&mut self.reads, Phase::Data, address, Wanted::Beside)
     }
 
     /// Registers a write in every cycle and with the set-up, which writes `safe`. Nothing else may
@@ -165,7 +182,7 @@ impl ImagePlan {
         let register = Register {
             phase,
             address,
-            is_extra: false,
+            wanted: Wanted::Cycle,
             word,
         };
         WriteSlot(push(&mut self.writes, register))
@@ -262,7 +279,7 @@ impl ImagePlan {
         }
         for drive in drives.iter_mut().filter(|_| reads_back) {
             let (reads, address) = (&mut self.reads, drive.address);
-            drive.shown = Some(add_read(reads, Phase::Evidence, address, true));
+            drive.shown = Some(add_read(reads, Phase::Evidence, address, Wanted::Extra));
         }
         Ok(())
     }
@@ -333,7 +350,8 @@ impl ImagePlan {
     /// Refuses impossible addresses, registers with two writers, and registers that are read or
     /// written in an unsuitable phase.
     pub(crate) fn check(&self) -> Result<(), ImageError> {
-        let mut reads: Vec<_> = self.reads.iter().map(|r| (r.address, r.phase)).collect();
+        let of_driver = self.reads.iter().filter(|r| r.wanted != Wanted::Beside);
+        let mut reads: Vec<_> = of_driver.map(|r| (r.address, r.phase)).collect();
         reads.sort_unstable();
         reads.dedup();
         let reads: Vec<u16> = reads.into_iter().map(|(address, _)| address).collect();
@@ -373,7 +391,7 @@ impl ImagePlan {
 }
 
 /// Exchanges accesses in their order, in as few exchanges as the bus needs.
-fn exchange_parts<B: RegisterBus>(
+pub(super) fn exchange_parts<B: RegisterBus>(
     bus: &mut B,
     accesses: &[Access],
     words: &mut [u32],
@@ -396,11 +414,11 @@ fn twice(mut addresses: Vec<u16>) -> Option<u16> {
     pair.first().copied()
 }
 
-fn add_read(reads: &mut Vec<Register>, phase: Phase, address: u16, is_extra: bool) -> ReadSlot {
+fn add_read(reads: &mut Vec<Register>, phase: Phase, address: u16, wanted: Wanted) -> ReadSlot {
     let register = Register {
         phase,
         address,
-        is_extra,
+        wanted,
         word: 0,
     };
     ReadSlot(push(reads, register))

@@ -18,7 +18,8 @@ use super::limit::Limit;
 use super::registrar::DrivenModule;
 use super::unsure::UnsureMask;
 use super::{
-    Module, Outage, ReadCycle, RegisterError, Registrar, RunOnCycle, WriteCycle, bank_stem,
+    ListenCycle, Module, Outage, ReadCycle, RegisterError, Registrar, RunOnCycle, WriteCycle,
+    bank_stem,
 };
 use crate::advice;
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage, Words};
@@ -382,6 +383,14 @@ fn take_pins(r: &mut Registrar<'_>, module: &DrivenModule, count: u8) -> Result<
 }
 
 impl Module for Encoders {
+    /// Counts since a start are not shown: the counter has their lowest 16 bits only.
+    fn listen(&mut self, cycle: &mut ListenCycle<'_>) {
+        for encoder in &self.axes {
+            let control = cycle.words.word(encoder.control);
+            encoder.pins.listen(cycle, control);
+        }
+    }
+
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
         let timestamp = cycle.words.word(self.timestamp) as u16;
         let times = [cycle.asked, cycle.now];

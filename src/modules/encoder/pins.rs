@@ -5,6 +5,7 @@ use super::registers::{bits, latch_timer, mux_skew};
 use super::state::{EncoderConfig, EncoderRates, EncoderReading, EncoderState};
 use crate::hal::{Counter, Input, Output, Param, PinError, PinMaker, PinStore, Place, Spec};
 use crate::hostmot2::TickRate;
+use crate::modules::ListenCycle;
 use crate::modules::latch::LatchRequest;
 
 /// The pins of one encoder: `hm2_7i92.0.encoder.00.count` and so on.
@@ -173,6 +174,22 @@ impl EncoderPins {
             request,
             refuses_probe: probes && !has_probe,
         }
+    }
+
+    /// Shows the lines and the state of the counter.
+    pub(super) fn listen(&self, cycle: &mut ListenCycle<'_>, control: u32) {
+        for (pin, bit) in [
+            (self.input_a, bits::A),
+            (self.input_b, bits::B),
+            (self.input_index, bits::INDEX),
+            (self.quad_error, bits::QUADRATURE_ERROR),
+        ] {
+            cycle.show(pin, control & bit != 0);
+        }
+        cycle.show(
+            self.counter.index_enable,
+            control & bits::LATCH_ON_INDEX != 0,
+        );
     }
 
     /// Publishes a reading. When the index was latched, `index-enable` goes off, unless the

@@ -9,7 +9,7 @@ use alloc::vec::Vec;
 
 use super::limit::Limit;
 use super::registrar::DrivenModule;
-use super::{Module, RegisterError, Registrar, WriteCycle, bank_stem, bits_of};
+use super::{ListenCycle, Module, RegisterError, Registrar, WriteCycle, bank_stem, bits_of};
 use crate::events::CorrectedValue;
 use crate::settings::Defaults;
 
@@ -18,7 +18,7 @@ pub use duty::{PwmRate, PwmShape};
 use duty::{DITHER_BITS, DOUBLE_BUFFERED, PDM, fastest_pdm, pdm_word};
 
 use crate::advice;
-use crate::bus::{Setting, Stage, WriteSlot};
+use crate::bus::{ReadSlot, Setting, Stage, WriteSlot};
 use crate::hal::{FullScale, Output, Param, PinStore, Spec, Terminals};
 use crate::hostmot2::board_table::PwmTable;
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
@@ -70,6 +70,8 @@ pub struct Pwm {
     /// Bit n is generator n; 1 drives the enable pin low. The bits do not affect the PWM
     /// (FACTS 12.3).
     enables: WriteSlot,
+    /// Those that another program has set.
+    enabled: ReadSlot,
 }
 
 #[derive(Debug)]
@@ -140,7 +142,9 @@ impl Pwm {
         let pdm_frequency = make.setting("pdm_frequency", hz.1)?;
         let rate = PwmRate::new(clock_hz, hz.0.into());
         let (master_rate, pdm_rate) = (module.register(2, 0)?, module.register(3, 0)?);
-        let enables = r.image.output(module.register(4, 0)?, 0);
+        let enables_address = module.register(4, 0)?;
+        let enables = r.image.output(enables_address, 0);
+        let enabled = r.image.read_back(enables_address);
         let master_rate = r
             .image
             .setting(Stage::Configure, master_rate, rate.rate.into());
@@ -163,6 +167,7 @@ impl Pwm {
             master_rate,
             pdm_rate,
             enables,
+            enabled,
         })
     }
 
@@ -264,6 +269,13 @@ impl DrivenModule {
 }
 
 impl Module for Pwm {
+    fn listen(&mut self, cycle: &mut ListenCycle<'_>) {
+        let enables = cycle.words.word(self.enabled);
+        for (bit, generator) in (0..32).zip(&self.generators) {
+            cycle.show(generator.pins.enable, enables >> bit & 1 != 0);
+        }
+    }
+
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
         if !cycle.changed {
             return;

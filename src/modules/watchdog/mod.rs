@@ -22,7 +22,7 @@ pub use registers::WatchdogRegisters;
 use core::time::Duration;
 
 use super::limit::Limit;
-use super::{LastFeed, Module, RegisterError, Registrar, WriteCycle};
+use super::{LastFeed, ListenCycle, Module, RegisterError, Registrar, WriteCycle};
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Words, WriteSlot};
 use crate::events::{BoardState, CorrectedValue};
 use crate::hal::{InOut, Param, PinStore, Pins};
@@ -337,6 +337,11 @@ impl Watchdog {
 }
 
 impl Module for Watchdog {
+    fn listen(&mut self, cycle: &mut ListenCycle<'_>) {
+        let status = cycle.words.word(self.status);
+        cycle.show(self.pins.has_bit, has_bitten(status));
+    }
+
     fn set_period(&mut self, period: Duration, pins: &mut PinStore) -> Result<(), RegisterError> {
         self.shortest = period.saturating_mul(2);
         let time = self.time_at(period, pins);

@@ -2,6 +2,7 @@
 
 pub mod arbitrary_values;
 mod changed_pins;
+mod listened;
 mod own_pins;
 mod recorded;
 mod values;

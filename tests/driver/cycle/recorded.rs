@@ -26,12 +26,9 @@ fn log_has_the_words_of_the_cycle_with_register_names() {
     let cs = machine.fpga().read_register(0x5D04);
     let text = text(&machine);
     for (what, name) in [
-        ("read 0x0100 0x55AACAFE".to_owned(), "HostMot2 cookie"),
-        ("write 0x5B00 0x00001007".into(), "sserial 0 COMMAND"),
-        (
-            format!("read 0x5D04 {cs:#010X}"),
-            "sserial 0 channel 1 CS: ",
-        ),
+        ("read 0x0100 0x55AACAFE".to_owned(), "cookie"),
+        ("write 0x5B00 0x00001007".into(), "sserial.0.command"),
+        (format!("read 0x5D04 {cs:#010X}"), "sserial.0.1.cs: "),
     ] {
         let line = format!(" host {what} ; {name}");
         assert!(text.contains(&line), "{line}: {text}");
@@ -39,7 +36,7 @@ fn log_has_the_words_of_the_cycle_with_register_names() {
     let mut lines = text.lines();
     let last = lines.rfind(|line| line.contains(" host write "));
     let last = last.expect("writes");
-    assert!(last.ends_with("sserial 0 COMMAND"), "DOIT is last: {last}");
+    assert!(last.ends_with("sserial.0.command"), "DOIT is last: {last}");
 }
 
 #[test]
@@ -92,7 +89,7 @@ fn application_freezes_the_log_with_an_event_of_the_driver() {
     assert!(log.is_frozen());
     assert_eq!((log.cause(), log.entries().len()), (None, 2_000));
     // The bit of the channel in DATA.
-    let failed = "sserial 0 DATA";
+    let failed = "sserial.0.data";
     let text = text(&machine);
     let mut data = text.lines().filter(|line| line.ends_with(failed));
     assert!(data.any(|line| !line.contains(" 0x00000000 ")), "{text}");

@@ -9,16 +9,15 @@ use mesa_hal::bus::{
 };
 use mesa_hal::ethernet::Lbp16Board;
 use mesa_hal::hostmot2::{HostMot2, IdentifyError};
-use mesa_hal::lbp16::registers::read_only;
+use mesa_hal::lbp16::registers::{control, eeprom, read_only, timer};
 use mesa_hal::lbp16::{
     Command, InfoArea, Lbp16Error, Operation, Operations, RequestBuilder, Space, elements,
 };
 use mesa_hal::transport::udp::{PacketLink, UdpLink};
+use mesa_hal::transport::{ReadRefusal, RegisterMap};
 use mesa_hal::{Advice, MesaError};
 
 use crate::inventory::InventoryError;
-
-use super::registers::{Refusal, RegisterMap, check_space};
 
 /// Attempts for a packet that is not answered. Each one keeps the interval.
 const TRIES: u32 = 3;
@@ -112,7 +111,7 @@ pub enum PassiveError {
         /// Address of the register.
         address: u16,
         /// The reason.
-        refusal: Refusal,
+        refusal: ReadRefusal,
     },
     /// A packet that is no sequence of commands. Nothing was sent.
     #[error(transparent)]
@@ -267,7 +266,7 @@ impl<L: PacketLink> PassiveBus<L> {
             }
             let known = match (&self.map, u16::try_from(address)) {
                 (Some(map), Ok(address)) => map.at(address).map(drop),
-                _ => Err(Refusal::NoRegister),
+                _ => Err(ReadRefusal::NoRegister),
             };
             known.map_err(|refusal| refused(address as u16, refusal))?;
         }
@@ -380,7 +379,7 @@ impl<L: PacketLink> PassiveBus<L> {
             _ => Err(PassiveError::Refused {
                 space,
                 address: address_or_0,
-                refusal: Refusal::NoRegister,
+                refusal: ReadRefusal::NoRegister,
             }),
         }
     }
@@ -483,4 +482,39 @@ impl<L: PacketLink> Lbp16Board for PassiveBus<L> {
     fn send(&mut self, _: &[u8]) -> Result<(), BusError> {
         Err(PassiveError::Write.into())
     }
+}
+
+/// Checks a read outside of HostMot2's registers.
+///
+/// # Errors
+/// The reason why it is not done.
+///
+/// Source: manual 7I97, "7I97 SUPPORTED MEMORY SPACES".
+fn check_space(space: Space, addresses: Range<u32>) -> Result<(), ReadRefusal> {
+    let within =
+        |start: u16, end: u16| addresses.start >= start.into() && addresses.end <= end.into();
+    let is_known = match space {
+        Space::Eeprom => within(0, eeprom::LEN),
+        Space::Timer => within(timer::TIME_STAMP, timer::WAIT_US) || within(timer::SCRATCH, 0x20),
+        Space::Control => within(control::ERROR, control::RESET),
+        Space::ReadOnly => within(0, 0x20),
+        Space::HostMot2 | Space::EthernetChip | Space::Flash | Space::Unused => false,
+    };
+    if is_known {
+        return Ok(());
+    }
+    Err(match space {
+        Space::EthernetChip => {
+            ReadRefusal::SideEffect("some registers of the chip change when read")
+        }
+        Space::Flash => ReadRefusal::SideEffect("the data port advances its address"),
+        Space::Timer if within(timer::WAIT_US, timer::SCRATCH) => {
+            ReadRefusal::SideEffect("the board waits, and answers nobody meanwhile")
+        }
+        Space::Control if within(control::RESET, 0x20) => {
+            ReadRefusal::SideEffect("it belongs to the reset and the reload of the board")
+        }
+        // The board would count an error.
+        _ => ReadRefusal::NoRegister,
+    })
 }

@@ -126,7 +126,7 @@ pub(super) struct Received {
 
 impl Received {
     /// The register with the count.
-    pub const REGISTER: Read = Read {
+    const REGISTER: Read = Read {
         space: Space::Control,
         address: control::RX_UDP,
         count: 1,
@@ -134,16 +134,11 @@ impl Received {
 
     pub fn read<L: PacketLink>(bus: &mut PassiveBus<L>) -> Result<Self, PassiveError> {
         let words = bus.read_all(&[Self::REGISTER])?;
-        Ok(Self::of(bus, words.first().copied().unwrap_or_default()))
-    }
-
-    /// The count in the reply that has just arrived.
-    pub fn of<L: PacketLink>(bus: &mut PassiveBus<L>, counted: u32) -> Self {
-        Self {
+        Ok(Self {
             at: bus.now(),
-            counted: counted as u16,
+            counted: words.first().copied().unwrap_or_default() as u16,
             own: bus.packets().packets,
-        }
+        })
     }
 
     /// Packets of other programs in a second. The count has 16 bits: correct if fewer than 65,536

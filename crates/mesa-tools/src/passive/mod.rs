@@ -9,16 +9,14 @@
 //! | rule | limit |
 //! |---|---|
 //! | writes | none: neither registers nor scratch registers, in which other programs number their packets |
-//! | registers | those of which it is known that a read changes nothing ([`RegisterMap`]) |
+//! | registers | those of which it is known that a read changes nothing ([`RegisterMap`](mesa_hal::transport::RegisterMap)) |
 //! | packets | at most one in [`PassiveBus::INTERVAL`], never two in flight |
 //! | size of a request or a reply | at most [`PassiveBus::MAX_BYTES`] |
 
 mod bus;
 mod inventory;
-mod registers;
-mod values;
+mod watch;
 
 pub use bus::{PassiveBus, PassiveError, PassiveStatistics, Read};
 pub use inventory::{PassiveChannel, PassiveInventory, PassivePort};
-pub use registers::{Refusal, Register, RegisterMap};
-pub use values::{Sample, Sampler, Value};
+pub use watch::{Sample, Value, Watched};

@@ -14,11 +14,13 @@ use mesa_hal::bus::{
 };
 use mesa_hal::driver::{Driver, EventMask, Pace};
 use mesa_hal::ethernet::{EthernetBoard, Lbp16Board};
+use mesa_hal::hal::AnyValue;
 use mesa_hal::lbp16::{Operations, Space};
+use mesa_hal::transport::ReadRefusal;
 use mesa_hal::transport::udp::{PacketLink, UdpBus, UdpConfig};
 use mesa_hal_sim::{Motor, machines};
 use mesa_tools::inventory::InventoryEthernet;
-use mesa_tools::passive::{PassiveBus, PassiveError, PassiveInventory, Read, Refusal, Sampler};
+use mesa_tools::passive::{PassiveBus, PassiveError, PassiveInventory, Read, Sample, Watched};
 
 const PERIOD: Duration = Duration::from_millis(1);
 const DEADLINE: Duration = Duration::from_millis(200);
@@ -188,12 +190,13 @@ fn look_beside(pace: Pace) {
         900.0..1010.0
     };
     assert!(expected.contains(&rate), "{rate} packets a second");
-    let firmware = bus.identify().expect("a 7I97");
-    let mut sampler = Sampler::new(&firmware, bus.map().expect("identified"));
-    for _ in 0..100 {
-        sampler.sample(&mut bus).expect("a board");
+    let inventoried = bus.packets().packets;
+    let mut watched = Watched::new(bus).expect("a 7I97");
+    for _ in 0..60 {
+        watched.sample().expect("a board");
     }
-    let packets = bus.packets().packets;
+    let packets = watched.bus().packets().packets;
+    assert!(packets > inventoried + 60, "{packets} packets");
     assert!(packets > 100, "{packets}");
     let machine = &mut *machine.borrow_mut();
     assert!(machine.cycles > 5000, "{} cycles", machine.cycles);
@@ -249,8 +252,11 @@ fn passive_inventory_writes_nothing_and_causes_no_board_error() {
     let before = EthernetBoard::new(&mut bus).counters().expect("a board");
     let ethernet = InventoryEthernet::read(&mut EthernetBoard::new(&mut bus)).expect("a board");
     PassiveInventory::take(&mut bus, ethernet).expect("a 7I97");
-    let all = bus.map().expect("identified").registers().to_vec();
-    let reads: Vec<_> = all.iter().map(|r| Read::hostmot2(r.address, 1)).collect();
+    let map = bus.map().expect("identified").clone();
+    let reads: Vec<_> = map
+        .readable()
+        .map(|r| Read::hostmot2(r.address, 1))
+        .collect();
     bus.read_all(&reads).expect("a board");
     assert!(reads.len() > 40, "{} registers", reads.len());
     let after = EthernetBoard::new(&mut bus).counters().expect("a board");
@@ -275,7 +281,7 @@ fn passive_inventory_writes_nothing_and_causes_no_board_error() {
 }
 
 /// True for an error that refuses a read, with the reason.
-fn refusal(error: PassiveError) -> Refusal {
+fn refusal(error: PassiveError) -> ReadRefusal {
     match error {
         PassiveError::Refused { refusal, .. } => refusal,
         other => panic!("{other}"),
@@ -295,7 +301,7 @@ fn writes_and_reads_with_side_effects_are_refused_unsent() {
     let mut bus = look(&machine);
     let early = bus.read_all(&[Read::hostmot2(COUNT, 1)]);
     let early = early.expect_err("not identified yet");
-    assert_eq!(refusal(early), Refusal::NoRegister);
+    assert_eq!(refusal(early), ReadRefusal::NoRegister);
     assert_eq!(bus.read(COUNT), Err(not_read(COUNT)));
     bus.identify().expect("a 7I97");
     let sent = bus.link().sent.len();
@@ -325,7 +331,7 @@ fn writes_and_reads_with_side_effects_are_refused_unsent() {
     check_readable_registers(&mut bus);
 }
 
-fn read(bus: &mut PassiveBus<Beside>, space: Space, address: u16) -> Result<(), Refusal> {
+fn read(bus: &mut PassiveBus<Beside>, space: Space, address: u16) -> Result<(), ReadRefusal> {
     let count = 1;
     let read = Read {
         space,
@@ -348,18 +354,18 @@ fn check_refused_registers(bus: &mut PassiveBus<Beside>) {
         (Space::Control, 0x1E),
     ] {
         let result = read(bus, space, address);
-        let is_effect = matches!(result, Err(Refusal::SideEffect(_)));
+        let is_effect = matches!(result, Err(ReadRefusal::SideEffect(_)));
         assert!(is_effect, "{space} {address:#x}: {result:?}");
     }
     for (space, address, expected) in [
-        (Space::HostMot2, 0x4100, Refusal::WriteOnly),
-        (Space::HostMot2, 0x0E00, Refusal::WriteOnly),
-        (Space::HostMot2, 0x0200, Refusal::WriteOnly),
-        (Space::HostMot2, 0x0000, Refusal::NoRegister),
-        (Space::HostMot2, 0xFFFC, Refusal::NoRegister),
+        (Space::HostMot2, 0x4100, ReadRefusal::WriteOnly),
+        (Space::HostMot2, 0x0E00, ReadRefusal::WriteOnly),
+        (Space::HostMot2, 0x0200, ReadRefusal::WriteOnly),
+        (Space::HostMot2, 0x0000, ReadRefusal::NoRegister),
+        (Space::HostMot2, 0xFFFC, ReadRefusal::NoRegister),
         // The board counts an access behind the end as an error.
-        (Space::Eeprom, 0x80, Refusal::NoRegister),
-        (Space::Unused, 0, Refusal::NoRegister),
+        (Space::Eeprom, 0x80, ReadRefusal::NoRegister),
+        (Space::Unused, 0, ReadRefusal::NoRegister),
     ] {
         assert_eq!(
             read(bus, space, address),
@@ -392,8 +398,11 @@ fn packets_are_few_small_and_never_two_in_flight() {
     bus.identify().expect("a 7I97");
     // Lost, and 0.1 s late: more than an interval.
     bus.link().fates = [None, Some(0), Some(100_000_000), Some(0), None, None].into();
-    let all = bus.map().expect("identified").registers().to_vec();
-    let reads: Vec<_> = all.iter().map(|r| Read::hostmot2(r.address, 1)).collect();
+    let map = bus.map().expect("identified").clone();
+    let reads: Vec<_> = map
+        .readable()
+        .map(|r| Read::hostmot2(r.address, 1))
+        .collect();
     for _ in 0..10 {
         bus.read_all(&reads).expect("a board");
     }
@@ -453,37 +462,88 @@ fn no_answer_is_an_error_with_advice_after_three_tries() {
     assert_eq!(bus.read(0x0100), Ok(0x55AA_CAFE));
 }
 
+/// The value of a sample with this name.
+fn value(sample: &Sample, name: &str) -> Option<AnyValue> {
+    let mut values = sample.values.iter();
+    values
+        .find(|value| value.name == name)
+        .map(|value| value.value)
+}
+
+/// Each value is the one that the driver has for the pin of the same name, of inputs as of outputs.
 #[test]
 fn values_of_a_running_machine_are_those_of_its_driver() {
     let machine = machine();
-    let mut bus = look(&machine);
-    let firmware = bus.identify().expect("a 7I97");
-    let mut sampler = Sampler::new(&firmware, bus.map().expect("identified"));
-    let sample = sampler.sample(&mut bus).expect("a board");
-    let text = |name: &str| {
-        let mut values = sample.values.iter();
-        let value = values.find(|value| value.name == name);
-        value.unwrap_or_else(|| panic!("no {name}")).text.clone()
-    };
+    {
+        let mut machine = machine.borrow_mut();
+        let pins = machine.driver.pins_mut();
+        for (name, on) in [("ssr.00.out-03", true), ("pwmgen.02.enable", true)] {
+            let pin = pins.output::<bool>(&format!("hm2_7i97.0.{name}"));
+            pins.set(pin.expect("an output"), on);
+        }
+    }
+    let mut watched = Watched::new(look(&machine)).expect("a 7I97");
+    let sample = watched.sample().expect("a board");
+    let machine = machine.borrow();
+    let pins = machine.driver.pins();
+    let mut compared = 0;
+    for shown in &sample.values {
+        let Some(pin) = pins.find(&shown.name) else {
+            continue;
+        };
+        let reading = pins.read_any(pin);
+        assert_eq!(
+            (shown.value, true),
+            (reading.value, reading.valid),
+            "{}",
+            shown.name
+        );
+        compared += 1;
+    }
+    assert!(compared > 100, "{compared} pins");
+    for name in ["ssr.00.out-03", "pwmgen.02.enable", "inmux.00.input-15-not"] {
+        let name = format!("hm2_7i97.0.{name}");
+        assert_eq!(value(&sample, &name), Some(true.into()), "{name}");
+    }
+    let bitten = value(&sample, "hm2_7i97.0.watchdog.has_bit");
+    assert_eq!(bitten, Some(false.into()));
+    // What depends on counts or parameters of the driver has no value.
+    for name in ["encoder.00.count", "encoder.00.position", "pwmgen.00.value"] {
+        assert_eq!(
+            value(&sample, &format!("hm2_7i97.0.{name}")),
+            None,
+            "{name}"
+        );
+    }
+    let channel = sample
+        .values
+        .iter()
+        .find(|value| value.name == "sserial.0.0.cs");
+    let state = channel.and_then(|channel| channel.text.as_deref());
     assert!(
-        text("watchdog").starts_with("runs, "),
-        "{}",
-        text("watchdog")
+        state.is_some_and(|state| state.starts_with("running")),
+        "{state:?}"
     );
-    assert!(
-        text("encoder.05").starts_with("count "),
-        "{}",
-        text("encoder.05")
-    );
-    assert_eq!(text("inmux.00.input-15"), "off");
-    assert_eq!(text("ssr.00.out-05"), "off");
-    assert!(
-        text("sserial.0.0").starts_with("running"),
-        "{}",
-        text("sserial.0.0")
-    );
-    assert!(text("gpio.050").ends_with(", in"), "{}", text("gpio.050"));
-    assert!(text("gpio.000").ends_with(", out"), "{}", text("gpio.000"));
     let mut places = sample.values.iter().map(|value| &value.place);
     assert!(places.any(|place| place.contains("TB")), "terminals");
+}
+
+/// A bite, and a board that does not answer any more.
+#[test]
+fn bite_is_shown_and_values_are_gone_without_an_answer() {
+    let machine = machine();
+    let mut watched = Watched::new(look(&machine)).expect("a 7I97");
+    {
+        let mut machine = machine.borrow_mut();
+        let bitten_by = machine.driver.bus_mut();
+        bitten_by.wait(Duration::from_millis(100));
+    }
+    let sample = watched.sample().expect("a board");
+    let bitten = value(&sample, "hm2_7i97.0.watchdog.has_bit");
+    assert_eq!(bitten, Some(true.into()));
+    watched.bus().link().fates = [None; 3].into();
+    let error = watched.sample().expect_err("no answer");
+    assert_eq!(error.kind(), BusErrorKind::Lost);
+    assert_eq!(watched.listener().shown().count(), 0);
+    assert!(watched.sample().is_ok());
 }

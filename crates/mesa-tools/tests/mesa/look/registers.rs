@@ -8,7 +8,7 @@ use crate::run::{Run, command, done, json, run};
 #[test]
 fn registers_of_each_space_are_read_in_their_own_size() {
     let text = done(&["peek", "0:0x100", "--sim", "7i97"]);
-    assert_eq!(text, "0:0x0100  0x55AACAFE  1437256446\n");
+    assert_eq!(text, "0:0x0100  0x55AACAFE  1437256446  cookie\n");
     // Manual: 7I97, "SPACE 7: LBP READ ONLY AREA": the card's name, and the version of the
     // firmware.
     let text = done(&["peek", "7:0", "2", "--sim", "7i97"]);

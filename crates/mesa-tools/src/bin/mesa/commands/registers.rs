@@ -9,7 +9,8 @@ use mesa_hal::MesaError;
 use mesa_hal::bus::{Access, Clock, RegisterBus};
 use mesa_hal::ethernet::EthernetBoard;
 use mesa_hal::lbp16::{ElementSize, Space};
-use mesa_tools::passive::{PassiveError, Read, RegisterMap};
+use mesa_hal::transport::RegisterMap;
+use mesa_tools::passive::{PassiveError, Read};
 use serde::Serialize;
 
 use crate::board::bus::Bus;
@@ -150,7 +151,12 @@ impl Peek {
     /// Registers to read, all of one space.
     fn reads(&self, map: &RegisterMap) -> Result<(Space, Vec<Read>), Failure> {
         let count = self.count.unwrap_or(1);
-        let named = |name| map.named(name).map(|register| register.address);
+        // Of a whole module those that can be read; a single one is refused with the reason.
+        let named = |name: &'_ str| -> Vec<u16> {
+            let all = map.named(name);
+            let wanted = all.filter(|register| register.refusal.is_none() || register.name == name);
+            wanted.map(|register| register.address).collect()
+        };
         let addresses: Vec<u16> = match &self.selection {
             Some(Selection::At(Place { space, address })) => {
                 let (space, address) = (*space, *address);
@@ -161,8 +167,8 @@ impl Peek {
                 };
                 return Ok((space, vec![read]));
             }
-            None => map.registers().iter().map(|r| r.address).collect(),
-            Some(Selection::Named(name)) => named(name).collect(),
+            None => map.readable().map(|register| register.address).collect(),
+            Some(Selection::Named(name)) => named(name),
         };
         if addresses.is_empty() {
             let advice = "`mesa peek` without a name lists those that it has";

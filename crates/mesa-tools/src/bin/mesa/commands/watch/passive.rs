@@ -1,9 +1,9 @@
-//! `mesa watch --passive`: live registers of a board that another program drives.
+//! `mesa watch --passive`: live pins of a board that another program drives.
 
 use std::time::Duration;
 
 use mesa_hal::bus::{Clock, Instant};
-use mesa_tools::passive::{Sample, Sampler, Value};
+use mesa_tools::passive::{Sample, Value, Watched};
 use ratatui::Frame;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -11,7 +11,8 @@ use ratatui::style::{Color, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Paragraph};
 
-use crate::board::look::{self, LookBus};
+use crate::board::link::BoardLink;
+use crate::board::look;
 use crate::board::pattern::Pattern;
 use crate::board::target::Found;
 use crate::ui::colours::Palette;
@@ -33,15 +34,11 @@ pub fn run(
     if !context.json {
         full_screen::check(context, "`--json` prints the values, one object per line")?;
     }
-    let mut bus = found.look()?;
-    let firmware = bus.identify();
-    let firmware = firmware.map_err(|error| look::failed(found.address, &error))?;
-    let map = bus.map().ok_or_else(|| Failure::refused("no firmware"))?;
-    let sampler = Sampler::new(&firmware, map);
+    let watched = Watched::new(found.look()?);
+    let watched = watched.map_err(|error| look::failed(found.address, &error))?;
     let mut live = Live {
-        title: format!(" {} at {} ", firmware.idrom.board(), found.address),
-        bus,
-        sampler,
+        title: format!(" {} at {} ", watched.listener().name(), found.address),
+        watched,
         every,
         next: Instant::default(),
         filter: filter.to_owned(),
@@ -55,7 +52,7 @@ pub fn run(
         live.print(context, found)?;
     } else {
         full_screen::show(context, &mut live)?;
-        let look = live.bus.packets();
+        let look = live.watched.bus().packets();
         output::complain(format_args!(
             "mesa: {} read, {} not answered; nothing was written",
             mesa_tools::Counted(look.packets, "packet"),
@@ -68,8 +65,7 @@ pub fn run(
 /// A look that is repeated.
 struct Live {
     title: String,
-    bus: LookBus,
-    sampler: Sampler,
+    watched: Watched<BoardLink>,
     every: Duration,
     /// Time of the next look.
     next: Instant,
@@ -86,22 +82,24 @@ impl Live {
     /// Prints samples as lines of JSON until a signal comes.
     fn print(&mut self, context: &Context, found: &Found) -> Result<(), Failure> {
         loop {
-            let now = self.bus.now();
-            let sample = self.sampler.sample(&mut self.bus);
+            let now = self.watched.bus().now();
+            let sample = self.watched.sample();
             let mut sample = sample.map_err(|error| look::failed(found.address, &error))?;
             let pattern = Pattern::from(&*self.filter);
             sample.values.retain(|value| fits(&pattern, value));
             let line = serde_json::to_string(&sample).map_err(Failure::refused)?;
             output::say(format_args!("{line}\n"));
-            if !look::wait(context, &mut self.bus, now.after(self.every)) || output::is_closed() {
+            if !look::wait(context, self.watched.bus(), now.after(self.every))
+                || output::is_closed()
+            {
                 return Ok(());
             }
         }
     }
 
     /// Lines about the look itself.
-    fn head(&self) -> Vec<Line<'static>> {
-        let look = self.bus.packets();
+    fn head(&mut self) -> Vec<Line<'static>> {
+        let look = self.watched.bus().packets();
         let rate = self.seen.as_ref().and_then(|seen| seen.others_per_second);
         let others = match rate {
             Some(rate) => format!("{rate:.0} packets a second from other programs"),
@@ -133,19 +131,24 @@ impl Live {
         let pattern = Pattern::from(&*self.filter);
         let values = self.seen.iter().flat_map(|seen| &seen.values);
         let shown: Vec<&Value> = values.filter(|value| fits(&pattern, value)).collect();
-        let names = shown.iter().map(|value| value.name.len());
-        let texts = shown.iter().map(|value| value.text.len());
+        let prefix = format!("{}.", self.watched.listener().name());
+        let own = |value: &&Value| {
+            value
+                .name
+                .strip_prefix(&*prefix)
+                .map_or(value.name.len(), str::len)
+        };
+        let names = shown.iter().map(own);
+        let texts = shown.iter().map(|value| text_of(value).len());
         let (name, text) = (names.max().unwrap_or(0), texts.max().unwrap_or(0).min(40));
         let width = usize::from(area.width.saturating_sub(BORDER));
         let lines = shown.iter().flat_map(|value| {
-            let style = match value.is_on {
+            let style = match value.value.as_bool() {
                 Some(true) => self.palette.style(Color::Green),
                 _ => Style::new(),
             };
-            let line = format!(
-                "{:<name$}  {:<text$}  {}",
-                value.name, value.text, value.place
-            );
+            let own = value.name.strip_prefix(&*prefix).unwrap_or(&value.name);
+            let line = format!("{own:<name$}  {:<text$}  {}", text_of(value), value.place);
             wrapped(&Line::styled(line, style), width, INDENT)
         });
         let lines: Vec<_> = lines.collect();
@@ -156,9 +159,19 @@ impl Live {
             .skip(self.scroll.first)
             .take(rows)
             .collect();
-        let title = format!(" registers: {} values ", shown.len());
+        let title = format!(" {} values ", shown.len());
         let block = Block::bordered().title(title);
         frame.render_widget(Paragraph::new(lines).block(block), area);
+    }
+}
+
+/// The value as it is shown: a bit as ON or off, as on the screen of a machine of one's own.
+fn text_of(value: &Value) -> String {
+    match (&value.text, value.value.as_bool()) {
+        (Some(text), _) => text.clone(),
+        (None, Some(true)) => "ON".to_owned(),
+        (None, Some(false)) => "off".to_owned(),
+        (None, None) => format!("{0} 0x{0:08X}", value.value.as_i64().unwrap_or_default()),
     }
 }
 
@@ -168,10 +181,10 @@ fn fits(pattern: &Pattern, value: &Value) -> bool {
 
 impl Screen for Live {
     fn refresh(&mut self) -> Wish {
-        let now = self.bus.now();
+        let now = self.watched.bus().now();
         if now >= self.next {
             self.next = now.after(self.every);
-            match self.sampler.sample(&mut self.bus) {
+            match self.watched.sample() {
                 Ok(sample) => (self.seen, self.lost) = (Some(sample), None),
                 // Values of before would look like those of now.
                 Err(error) => (self.seen, self.lost) = (None, Some(error.to_string())),
