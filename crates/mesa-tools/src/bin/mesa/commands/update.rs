@@ -95,7 +95,7 @@ struct Card<'a> {
 
 /// Result of an update or of a dry run.
 #[derive(Debug, Serialize)]
-struct Report {
+struct UpdateReport {
     card: String,
     place: String,
     unit_number: u32,
@@ -172,7 +172,7 @@ impl Update {
         &self,
         context: &Context,
         firmware: &FirmwareFile,
-    ) -> Result<Option<Report>, Failure> {
+    ) -> Result<Option<UpdateReport>, Failure> {
         // clap requires `--at` unless `--serial` is given.
         let id = self.at.unwrap_or(RemoteId::new(0, 0));
         let found = self.target.target.find(context)?;
@@ -216,7 +216,7 @@ impl Update {
         link: &mut L,
         card: &Card<'_>,
         firmware: &FirmwareFile,
-    ) -> Result<Option<Report>, Failure> {
+    ) -> Result<Option<UpdateReport>, Failure> {
         let name = card.started.name;
         if name.0.map(|c| c.to_ascii_uppercase()) != self.card.0 {
             return Err(Failure::refused(format_args!(
@@ -251,9 +251,9 @@ impl Update {
     }
 
     /// Report before anything is written.
-    fn report(&self, card: &Card<'_>, firmware: &FirmwareFile, plan: &UpdatePlan) -> Report {
+    fn report(&self, card: &Card<'_>, firmware: &FirmwareFile, plan: &UpdatePlan) -> UpdateReport {
         let different = plan.different().count();
-        Report {
+        UpdateReport {
             card: card.started.name.to_string(),
             place: card.place.to_string(),
             unit_number: card.started.unit_number,
@@ -270,7 +270,7 @@ impl Update {
     }
 }
 
-fn stopped(why: impl Display) -> Option<Report> {
+fn stopped(why: impl Display) -> Option<UpdateReport> {
     complain(format_args!("mesa: {why}"));
     None
 }
@@ -322,7 +322,7 @@ impl Bar {
     }
 }
 
-impl Report {
+impl UpdateReport {
     /// Planned action as text.
     fn plan(&self, card: &Card<'_>) -> Plan {
         let (place, unit) = (&self.place, self.unit_number);
@@ -351,7 +351,7 @@ impl Report {
     }
 }
 
-impl Display for Report {
+impl Display for UpdateReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
             card,

@@ -18,7 +18,7 @@ use crate::ui::context::Failure;
 
 /// All data of the report.
 #[derive(Debug, Serialize)]
-pub struct Report {
+pub struct HardwareReport {
     mesa: &'static str,
     address: String,
     /// Of a board on Ethernet.
@@ -114,7 +114,7 @@ pub fn gather(
     device: Option<&PciDevice>,
     stop: &Stop,
     remotes: bool,
-) -> Result<Report, Failure> {
+) -> Result<HardwareReport, Failure> {
     let mut identity = None;
     let mut memory = Vec::new();
     let mut spaces = vec![
@@ -174,7 +174,7 @@ pub fn gather(
                 .collect(),
         }),
     );
-    Ok(Report {
+    Ok(HardwareReport {
         mesa: env!("CARGO_PKG_VERSION"),
         address,
         identity,
@@ -185,7 +185,7 @@ pub fn gather(
     })
 }
 
-impl Report {
+impl HardwareReport {
     /// Number of answered questions, and of all.
     pub fn answered(&self) -> (usize, usize) {
         let answered = self.questions.iter().filter(|one| !one.found.is_empty());

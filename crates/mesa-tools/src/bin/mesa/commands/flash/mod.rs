@@ -22,7 +22,7 @@ use crate::ui::output::complain;
 use access::{LONGEST, area, open, parse, written};
 use chip::BoardChip;
 use progress::Bar;
-use report::{About, Report, Written};
+use report::{About, FlashReport, Written};
 use restore::Restore;
 use write::Write;
 
@@ -112,9 +112,9 @@ impl Backup {
             return Ok(context.ending());
         };
         files::write(path, &bytes)?;
-        context.print(&Report {
+        context.print(&FlashReport {
             whole: true,
-            ..Report::new("backup", &layout, path)
+            ..FlashReport::new("backup", &layout, path)
         })?;
         Ok(context.ending())
     }
@@ -149,9 +149,9 @@ impl Verify {
                     places.join(", ")
                 )));
             }
-            Report {
+            FlashReport {
                 whole: true,
-                ..Report::new("verify", &layout, &self.file)
+                ..FlashReport::new("verify", &layout, &self.file)
             }
         } else {
             let bitfile = parse(&self.file, &bytes)?;
@@ -165,10 +165,10 @@ impl Verify {
                 return Err(self.difference(&mut flash, (area, &bitfile), error));
             }
             compared?;
-            Report {
+            FlashReport {
                 bitfile: Some(About::of(&bitfile)),
                 areas: vec![written(&layout, area, &bitfile)],
-                ..Report::new("verify", &layout, &self.file)
+                ..FlashReport::new("verify", &layout, &self.file)
             }
         };
         context.print(&report)?;

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 /// Report of a flash command.
 #[derive(Debug, Serialize)]
-pub struct Report {
+pub struct FlashReport {
     pub action: &'static str,
     pub board: &'static str,
     pub file: String,
@@ -53,7 +53,7 @@ pub enum Name {
     Whole,
 }
 
-impl Report {
+impl FlashReport {
     pub fn new(action: &'static str, layout: &FlashLayout, file: &Path) -> Self {
         Self {
             action,
@@ -106,7 +106,7 @@ impl From<Area> for Name {
     }
 }
 
-impl Display for Report {
+impl Display for FlashReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
             board, file, size, ..

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::access::{Change, LONGEST, is_alone, risk};
 use super::progress::{Bar, Progress};
-use super::report::{Name, Report, Written};
+use super::report::{FlashReport, Name, Written};
 use crate::board::consent::Plan;
 use crate::board::target::Found;
 use crate::ui::context::{Context, Ending, Failure};
@@ -69,10 +69,10 @@ impl Restore {
             flash.check_restore(&backup, first)?;
         }
         let dry_run = self.change.target.dry_run;
-        let mut report = Report {
+        let mut report = FlashReport {
             areas,
             dry_run,
-            ..Report::new("restore", &layout, &self.file)
+            ..FlashReport::new("restore", &layout, &self.file)
         };
         if !dry_run && !differences.is_empty() {
             let is_alone = is_alone(&mut flash, &report.areas)?;

@@ -8,7 +8,7 @@ use mesa_hal::ethernet::{Area, EthernetError, Flash as Chip};
 use super::access::{Change, LONGEST, area, is_alone, parse, risk, written};
 use super::chip::BoardChip;
 use super::progress::Progress;
-use super::report::{About, Name, Report, Written};
+use super::report::{About, FlashReport, Name, Written};
 use crate::board::consent::Plan;
 use crate::ui::context::{Context, Ending, Failure};
 use crate::ui::files;
@@ -54,11 +54,11 @@ impl Write {
         }
         let boot_block = self.boot_block(&mut flash)?;
         let written = written(&layout, area, &bitfile);
-        let report = Report {
+        let report = FlashReport {
             bitfile: Some(About::of(&bitfile)),
             areas: boot_block.into_iter().chain([written]).collect(),
             dry_run,
-            ..Report::new("write", &layout, &self.file)
+            ..FlashReport::new("write", &layout, &self.file)
         };
         if !dry_run {
             let is_alone = is_alone(&mut flash, &report.areas)?;

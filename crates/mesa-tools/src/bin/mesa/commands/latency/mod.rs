@@ -23,7 +23,7 @@ use crate::machine::embedded::Passage;
 use crate::ui::context::{Context, Ending, Failure};
 use crate::ui::output::complain;
 use measure::{Measured, Measurement};
-use report::Report;
+use report::LatencyReport;
 
 const AFTER_HELP: &str = "\
 Runs the cycle of the board with everything on it; all outputs stay off. Put the host under its
@@ -109,7 +109,7 @@ impl Latency {
         let found = self.target.find(context)?.pass_time(Passage::Host);
         let bus = found.open()?;
         let measured = self.watched(|| measure::each(&self.measurement(), bus, context))?;
-        let report = Report::of(self.rate, &measured);
+        let report = LatencyReport::of(self.rate, &measured);
         context.print(&report)?;
         let drawn = self
             .plot
@@ -214,7 +214,7 @@ pub fn picture(
         asks: Asks { yes: false },
     };
     let measured = plain.watched(|| measure::each(&plain.measurement(), bus, context))?;
-    let report = Report::of(plain.rate, &measured);
+    let report = LatencyReport::of(plain.rate, &measured);
     let svg = plot::svg(&report, &measured)?;
     let text = report.to_string();
     for run in measured {

@@ -9,7 +9,7 @@ use mesa_tools::Counted;
 use plotters::prelude::*;
 
 use super::measure::{Measured, name};
-use super::report::Report;
+use super::report::LatencyReport;
 use crate::ui::context::Failure;
 use crate::ui::files;
 use crate::ui::picture::{self, Area, GREEN, GREY, RED, SMALL, TRACES, YELLOW, failed, text, tick};
@@ -35,12 +35,12 @@ const HEADROOM: f64 = 100.0;
 const SHOWN: [f64; 2] = [0.5, 4e6];
 
 /// Draws the picture into a file.
-pub fn draw(file: &Path, report: &Report, all: &[Measured]) -> Result<(), Failure> {
+pub fn draw(file: &Path, report: &LatencyReport, all: &[Measured]) -> Result<(), Failure> {
     files::write(file, svg(report, all)?.as_bytes())
 }
 
 /// Draws the histograms and the verdicts, as SVG.
-pub fn svg(report: &Report, all: &[Measured]) -> Result<String, Failure> {
+pub fn svg(report: &LatencyReport, all: &[Measured]) -> Result<String, Failure> {
     let lines = Line::all(report);
     let height = lines.iter().map(|line| line.texts.len() as u32 * LINE);
     let size = (WIDTH, HEADER + CHART + height.sum::<u32>() + FOOTER);
@@ -73,7 +73,7 @@ struct Line {
 }
 
 impl Line {
-    fn all(report: &Report) -> Vec<Self> {
+    fn all(report: &LatencyReport) -> Vec<Self> {
         let mut all = Vec::new();
         for run in &report.runs {
             let cycles = Counted(run.cycles, "cycle");

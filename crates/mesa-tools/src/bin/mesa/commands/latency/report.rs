@@ -23,7 +23,7 @@ const WIDTH: f64 = 30.0;
 
 /// Report of a measurement.
 #[derive(Debug, Serialize)]
-pub struct Report {
+pub struct LatencyReport {
     pub board: String,
     pub rate_hz: u32,
     pub runs: Vec<Run>,
@@ -79,7 +79,7 @@ struct Row {
     used: u64,
 }
 
-impl Report {
+impl LatencyReport {
     pub fn of(rate: u32, all: &[Measured]) -> Self {
         let first = all.first();
         Self {
@@ -187,7 +187,7 @@ fn micros(time: Duration) -> f64 {
     time.as_nanos() as f64 / 1000.0
 }
 
-impl Display for Report {
+impl Display for LatencyReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for run in &self.runs {
             let (board, rate, pace) = (&self.board, self.rate_hz, run.pace);

@@ -108,7 +108,7 @@ enum Direction {
 
 /// Summary of a recording.
 #[derive(Debug, Serialize)]
-struct Report {
+struct ScopeReport {
     pins: Vec<String>,
     trigger: String,
     /// Number of the trigger's cycle since the start of the machine.
@@ -231,7 +231,7 @@ impl Scope {
             trigger,
             ..
         } = recording;
-        context.print(&Report {
+        context.print(&ScopeReport {
             pins: infos.into_iter().map(|info| info.name).collect(),
             trigger: trigger.pin,
             trigger_cycle: trigger.cycle,
@@ -432,7 +432,7 @@ impl Display for TriggerMark {
     }
 }
 
-impl Display for Report {
+impl Display for ScopeReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,

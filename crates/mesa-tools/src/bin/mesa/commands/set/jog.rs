@@ -11,7 +11,7 @@ use mesa_hal::runner::{Cycle, Runner};
 
 use super::announcer::Announcer;
 use super::plan::{JogPlan, Progress, Step};
-use super::report::{Change, Inputs, Outcome, Report};
+use super::report::{Change, Inputs, Outcome, SetReport};
 use crate::board::bus::Bus;
 use crate::board::reason::{self, Reason};
 use crate::board::running;
@@ -122,7 +122,7 @@ impl Jog {
         context: &Context,
         info: &PinInfo,
         mut announcer: Announcer,
-    ) -> Result<Report, Failure> {
+    ) -> Result<SetReport, Failure> {
         let infos = driver.pins().infos().to_vec();
         let mut signal = None;
         let ended = Runner::new(driver).run(|cycle| {
@@ -159,7 +159,14 @@ impl Jog {
         let signal = signal.map(|signal| signal.to_string());
         let lost = not_reached.first().map(Reason::new);
         let outcome = self.outcome(signal, lost);
-        Ok(Report::new(info, value, time, outcome, inputs, not_reached))
+        Ok(SetReport::new(
+            info,
+            value,
+            time,
+            outcome,
+            inputs,
+            not_reached,
+        ))
     }
 
     /// Outcome of a jog that was ended by a signal, or after which a remote is `lost`.

@@ -26,7 +26,7 @@ pub enum Outcome {
 
 /// Report of a finished jog.
 #[derive(Debug, Serialize)]
-pub struct Report {
+pub struct SetReport {
     pin: String,
     terminal: String,
     value: Value,
@@ -82,7 +82,7 @@ impl Change {
     }
 }
 
-impl Report {
+impl SetReport {
     pub fn new(
         info: &PinInfo,
         value: AnyValue,
@@ -118,7 +118,7 @@ impl Report {
     }
 }
 
-impl Display for Report {
+impl Display for SetReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let value = format!("{} {}", self.text, self.unit);
         let how = match &self.outcome {

@@ -33,7 +33,7 @@ use head::Head;
 use machine::Machine;
 use mesa_tools::Counted;
 use mesa_tools::advice::told;
-use report::{Input, Item, Missing, Outcome, Report, What};
+use report::{Input, Item, Missing, Outcome, What, WiringResult};
 use session::{Dialog, Lines, Session, Terminals};
 
 const AFTER_HELP: &str = "\
@@ -281,7 +281,10 @@ struct Reporter<'a> {
 
 impl Reporter<'_> {
     /// Runs a check to its end. Returns its report, and the result of writing it to the file.
-    fn run(&self, mut session: Session<'_>) -> Result<(Report, Result<(), Failure>), Failure> {
+    fn run(
+        &self,
+        mut session: Session<'_>,
+    ) -> Result<(WiringResult, Result<(), Failure>), Failure> {
         // Fails before the check begins if the file cannot be written.
         self.keep(&session, Outcome::Unfinished)?;
         let outcome = session.run(|session| {
@@ -292,9 +295,9 @@ impl Reporter<'_> {
         Ok((self.report(&session, outcome), self.keep(&session, outcome)))
     }
 
-    fn report(&self, session: &Session<'_>, outcome: Outcome) -> Report {
+    fn report(&self, session: &Session<'_>, outcome: Outcome) -> WiringResult {
         let (head, names) = (self.head.clone(), session.names());
-        Report::new(head, &session.items, &names, outcome, &self.missing)
+        WiringResult::new(head, &session.items, &names, outcome, &self.missing)
     }
 
     fn keep(&self, session: &Session<'_>, outcome: Outcome) -> Result<(), Failure> {

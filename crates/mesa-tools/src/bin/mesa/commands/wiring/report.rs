@@ -230,7 +230,7 @@ pub struct Missing {
 
 /// Report of a check.
 #[derive(Debug, Serialize)]
-pub struct Report {
+pub struct WiringResult {
     #[serde(flatten)]
     head: Head,
     outcome: Outcome,
@@ -261,7 +261,7 @@ struct Row {
     text: [String; 2],
 }
 
-impl Report {
+impl WiringResult {
     pub fn new(
         head: Head,
         items: &[Item],
@@ -335,7 +335,7 @@ impl Row {
     }
 }
 
-impl Display for Report {
+impl Display for WiringResult {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let is_ok = |row: &&Row| row.verdict == Mark::Judged(WiringVerdict::Ok);
         let ok = self.terminals.iter().filter(is_ok).count();
