@@ -310,7 +310,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
                 .image
                 .set_up(&mut self.bus)
                 .map_err(DriverError::Bus)?;
-            if self.is_set_up().map_err(DriverError::Bus)? {
+            if self.confirm_set_up().map_err(DriverError::Bus)? {
                 return Ok(());
             }
         }
@@ -319,7 +319,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
 
     /// Fails if the board has lost its set-up since it was written, and makes it drive nothing.
     fn expect_set_up(&mut self, during: &'static str) -> Result<(), DriverError> {
-        if self.is_set_up().map_err(DriverError::Bus)? {
+        if self.confirm_set_up().map_err(DriverError::Bus)? {
             return Ok(());
         }
         // If this fails, the watchdog does the rest.
@@ -329,7 +329,7 @@ impl<B: RegisterBus + Clock> Assembly<B> {
 
     /// True if the board has not been reset since its set-up began. A read in the middle of a reset
     /// is no evidence, so the board's description has to be unchanged as well.
-    fn is_set_up(&mut self) -> Result<bool, BusError> {
+    fn confirm_set_up(&mut self) -> Result<bool, BusError> {
         let bus = &mut self.bus;
         Ok(self.description.is_still(bus, Effort::Repeated)?
             && self.parts.watchdog.registers.are_at_first(bus)?)

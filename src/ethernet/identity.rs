@@ -138,7 +138,7 @@ impl Identity {
     /// the card's name is: its jumpers have other meanings than those of a 7I97.
     ///
     /// [`Idrom::is_7i97t`]: crate::hostmot2::Idrom::is_7i97t
-    pub fn is_of_7i97t(&mut self) {
+    pub fn set_7i97t(&mut self) {
         Self::I7I97T.clone_into(&mut self.card);
         self.address_from = AddressSource::from_jumpers(self.jumpers, Self::I7I97T);
     }
@@ -257,7 +257,7 @@ mod tests {
         // Named as a 7I97 until its firmware is known.
         let mut identity = Identity::parse(&answer(16, 3)).unwrap();
         assert_eq!(identity.address_from, AddressSource::Invalid);
-        identity.is_of_7i97t();
+        identity.set_7i97t();
         assert_eq!(identity.address_from, AddressSource::Fallback);
         assert_eq!(identity.card, "7I97T");
     }

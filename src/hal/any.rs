@@ -238,7 +238,7 @@ impl Pins {
     #[inline]
     pub fn repeat_bits(&mut self, pin: PinId, bits: u64) -> Result<(), PinError> {
         if let Some(index) = self.catalog.index(pin.key())
-            && self.values.is_repeated(index, bits)
+            && self.values.check_outdated(index, bits)
         {
             return Ok(());
         }

@@ -61,13 +61,13 @@ pub struct BusLog {
     entries: VecDeque<RecordedEntry>,
     capacity: usize,
     dropped: u64,
-    trigger: Option<Trigger>,
+    trigger: Option<FreezeTrigger>,
     state: LogState,
 }
 
 /// What freezes a log.
 #[derive(Clone, Copy, Debug)]
-struct Trigger {
+struct FreezeTrigger {
     is_met: fn(&RecordedEntry) -> bool,
     /// Number of entries after it.
     after: usize,
@@ -186,7 +186,7 @@ impl BusLog {
     #[must_use]
     pub fn freezing_on(self, is_met: fn(&RecordedEntry) -> bool, after: usize) -> Self {
         let after = after.min(self.capacity.saturating_sub(1));
-        let trigger = Some(Trigger { is_met, after });
+        let trigger = Some(FreezeTrigger { is_met, after });
         Self { trigger, ..self }
     }
 

@@ -60,24 +60,24 @@ enum ReadEffect {
 
 use ReadEffect::{Changes, Nothing, NothingIn, WriteOnly};
 
-type Registers = &'static [(&'static str, ReadEffect)];
+type KnownRegisters = &'static [(&'static str, ReadEffect)];
 
-const WATCHDOG: Registers = &[("time", Nothing), ("status", Nothing), ("reset", WriteOnly)];
-const IO_PORT: Registers = &[
+const WATCHDOG: KnownRegisters = &[("time", Nothing), ("status", Nothing), ("reset", WriteOnly)];
+const IO_PORT: KnownRegisters = &[
     ("data", Nothing),
     ("direction", Nothing),
     ("alternate-source", WriteOnly),
     ("open-drain", WriteOnly),
     ("output-invert", WriteOnly),
 ];
-const ENCODER: Registers = &[
+const ENCODER: KnownRegisters = &[
     ("count", Nothing),
     ("control", Nothing),
     ("timestamp-divider", WriteOnly),
     ("timestamp", Nothing),
     ("filter-rate", WriteOnly),
 ];
-const STEPGEN: Registers = &[
+const STEPGEN: KnownRegisters = &[
     ("rate", WriteOnly),
     ("accumulator", Nothing),
     ("mode", NothingIn(0xC2)),
@@ -89,22 +89,22 @@ const STEPGEN: Registers = &[
     ("table-last", WriteOnly),
     ("master-rate", Nothing),
 ];
-const PWM: Registers = &[
+const PWM: KnownRegisters = &[
     ("value", WriteOnly),
     ("mode", WriteOnly),
     ("master-rate", WriteOnly),
     ("pdm-rate", WriteOnly),
     ("enables", Nothing),
 ];
-const INPUTS: Registers = &[
+const INPUTS: KnownRegisters = &[
     ("control", Nothing),
     ("filter", Nothing),
     ("input", Nothing),
     ("raw", Nothing),
     ("mpg", Nothing),
 ];
-const SSR: Registers = &[("data", Nothing), ("rate", Nothing)];
-const DPLL: Registers = &[
+const SSR: KnownRegisters = &[("data", Nothing), ("rate", Nothing)];
+const DPLL: KnownRegisters = &[
     ("base-rate", Nothing),
     ("phase-error", Nothing),
     ("control-0", Nothing),
@@ -116,13 +116,13 @@ const DPLL: Registers = &[
         Changes("it marks the time of the driver's cycle for the phase-locked loop"),
     ),
 ];
-const LED: Registers = &[("data", WriteOnly)];
+const LED: KnownRegisters = &[("data", WriteOnly)];
 
-/// A kind of module: the first part of its names, and its registers in order. Registers behind the
+/// A kind of module: the first part of its names, and its registers in order. KnownRegisters behind the
 /// end are not known.
 ///
 /// Source: FACTS 12.4, 12.11, 14.1; Mesa's public VHDL sources for step generators.
-fn known(gtag: Gtag) -> Option<(&'static str, Registers)> {
+fn known(gtag: Gtag) -> Option<(&'static str, KnownRegisters)> {
     Some(match gtag {
         Gtag::WATCHDOG => ("watchdog", WATCHDOG),
         Gtag::IO_PORT => ("ioport", IO_PORT),
@@ -308,7 +308,7 @@ impl ReadEffect {
 const CS: &str = "cs";
 
 /// The first part of a module's names, and its registers as far as they are known.
-fn name_of(gtag: Gtag) -> (&'static str, Registers) {
+fn name_of(gtag: Gtag) -> (&'static str, KnownRegisters) {
     known(gtag).unwrap_or((gtag.name().unwrap_or("module"), &[]))
 }
 

@@ -148,8 +148,8 @@ impl Values {
     /// True for the value of before the meaning of the output's values changed; any other one ends
     /// that.
     #[inline]
-    pub fn is_repeated(&mut self, index: usize, bits: u64) -> bool {
-        self.restated.is_repeated(index, bits)
+    pub fn check_outdated(&mut self, index: usize, bits: u64) -> bool {
+        self.restated.check_outdated(index, bits)
     }
 
     /// Sets a parameter.

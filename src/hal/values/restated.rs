@@ -44,7 +44,7 @@ impl RestatedOutputs {
     /// True for the value of before the meaning of the output's values changed; any other one ends
     /// that.
     #[inline]
-    pub fn is_repeated(&mut self, index: usize, bits: u64) -> bool {
+    pub fn check_outdated(&mut self, index: usize, bits: u64) -> bool {
         self.outdated > 0 && self.take_outdated(index, bits)
     }
 

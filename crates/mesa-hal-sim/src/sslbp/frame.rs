@@ -180,10 +180,10 @@ impl Firmware {
     /// True if the reply is overdue, which is then counted as an error.
     pub(super) fn timed_out(&mut self, index: usize) -> bool {
         self.spend(timing::CHECK_TIMER_BRANCH);
-        self.is_overdue(index)
+        self.check_timeout(index)
     }
 
-    fn is_overdue(&mut self, index: usize) -> bool {
+    fn check_timeout(&mut self, index: usize) -> bool {
         let (before, after) = timing::CHECK_TIMER;
         self.spend(before);
         let overdue = self.ticks_since_sent(index) >= self.memory.channel(index, channel::TIMEOUT);
@@ -196,7 +196,7 @@ impl Firmware {
 
     /// Restarts at the cookie if the reply is overdue, unless the limit of errors is exceeded.
     pub(super) fn restart_if_timed_out(&mut self, index: usize) {
-        if self.is_overdue(index) && !self.has_too_many_errors(index) {
+        if self.check_timeout(index) && !self.has_too_many_errors(index) {
             self.go_to(index, state::START_TIMER);
         }
     }

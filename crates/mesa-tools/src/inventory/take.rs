@@ -50,7 +50,7 @@ pub fn take<B: RegisterBus + Clock>(
     let firmware = HostMot2::identify(bus)?;
     if let Some(ethernet) = &mut ethernet {
         if firmware.idrom.is_7i97t() {
-            ethernet.identity.is_of_7i97t();
+            ethernet.identity.set_7i97t();
         }
         ethernet.t_board = t_board(&ethernet.identity.card, &firmware.idrom);
     }

@@ -76,7 +76,7 @@ impl PassiveInventory {
         let before = Received::read(bus)?;
         let firmware = bus.identify()?;
         if firmware.idrom.is_7i97t() {
-            ethernet.identity.is_of_7i97t();
+            ethernet.identity.set_7i97t();
         }
         ethernet.t_board = t_board(&ethernet.identity.card, &firmware.idrom);
         let mut findings: Vec<String> = ethernet.findings().collect();

@@ -106,15 +106,15 @@ impl Keeper {
     pub fn look_after(&mut self, driver: &mut Driver<Bus>) {
         // After a failure the state stays as shown, and the next attempt follows. Packets of
         // another master meanwhile are counted by the bus.
-        if self.is_due(driver.board_state(), driver.period())
+        if self.pass_cycle(driver.board_state(), driver.period())
             && driver.bus_mut().check_alone().is_ok()
         {
             let _ = driver.rearm();
         }
     }
 
-    /// True if the board is to be set up in this cycle; call in each cycle.
-    pub fn is_due(&mut self, state: BoardState, period: Duration) -> bool {
+    /// Passes a cycle; true if the board is to be set up in it.
+    pub fn pass_cycle(&mut self, state: BoardState, period: Duration) -> bool {
         self.failed = match state {
             BoardState::Running => Duration::ZERO,
             _ => self.failed + period,

@@ -215,7 +215,7 @@ impl Doctor {
         let counters = board.counters()?;
         let firmware = HostMot2::identify(bus)?;
         if firmware.idrom.is_7i97t() {
-            identity.is_of_7i97t();
+            identity.set_7i97t();
         }
         findings.push(board::firmware(&identity));
         findings.extend(board::generation(&identity.card, &firmware.idrom));

@@ -124,7 +124,7 @@ impl Stage {
         for _ in 0..cycles {
             let _ = self.driver.read();
             let (state, period) = (self.driver.board_state(), self.driver.period());
-            if self.keeper.is_due(state, period) {
+            if self.keeper.pass_cycle(state, period) {
                 let _ = self.driver.rearm();
             }
             let _ = self.driver.write();
