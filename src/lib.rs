@@ -190,7 +190,7 @@ mod tally;
 pub mod transport;
 
 pub use advice::{Advice, AdviceTopic, MesaError, WithAdvice};
-pub use boards::{I7i72, I7i77, I7i77Analog, I7i77Field, I7i97};
+pub use boards::{I7i72, I7i76, I7i77, I7i77Analog, I7i77Field, I7i97};
 pub use bus::{Clock, RegisterBus};
 pub use driver::{Board, Configured, Driver, DriverError, Settings};
 pub use driver::{BoardState, CycleError, CycleReport, Pace, Rearmed, Remark, RemoteState};

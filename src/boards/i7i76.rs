@@ -1,12 +1,79 @@
-//! The terminals of the 7I76's step generators. Its field I/O is a remote, which names its own
-//! pins; the terminals of those and of its encoder are not known.
+//! The 7I76: field I/O with a spindle output, which is a remote, five step generators and an
+//! encoder. The terminals of the remote's pins and of the encoder are not known.
 //!
 //! Source: a published wiring of a 7I76E, which has the same terminal blocks; that of generator 4
-//! is not confirmed, and follows their pattern. The pins are those of Mesa's firmware.
+//! is not confirmed, and follows their pattern. The pins are those of Mesa's firmware; those of the
+//! remote are those of real cards on a 5I25, a 7I76E, a 7I92T and a 7I96S.
 
-use super::CardTable;
-use crate::hal::Terminals;
+use alloc::format;
+
+use super::{AttachError, CardTable, Finder, RemoteHandles};
+use crate::discovery::RemoteTable;
+use crate::hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut, Terminals};
 use crate::hostmot2::Gtag;
+
+/// The remote. It describes itself: widths and order of its process data are not confirmed, so that
+/// the table cannot stand for a card that is absent at the start.
+pub const REMOTE: RemoteTable = RemoteTable::new("7I76 field I/O", *b"7I76", &[]);
+
+/// The pins of the field I/O and the spindle output of a 7I76, or of the part of a 7I76E that is
+/// one.
+///
+/// ```
+/// use mesa_hal::boards::I7i76;
+/// use mesa_hal::{Driver, Settings};
+/// use mesa_hal_sim::{Stepper, machines};
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let board = machines::five_axes_7i92(|_| Stepper::default());
+/// let mut driver = Driver::start(board, Settings::default())?;
+/// let card: I7i76 = driver.attach((0, 0))?;
+/// let pins = driver.pins_mut();
+/// pins.set(card.outputs[3].pin, true);
+/// card.spindle.enable(pins, true);
+/// card.spindle.set(pins, 40.0); // per cent, while `spinout-scalemax` is 100
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct I7i76 {
+    /// Inputs 0 to 31.
+    pub inputs: [DigitalIn; 32],
+    /// Outputs 0 to 15.
+    pub outputs: [DigitalOut; 16],
+    /// The spindle's analog output, a share of the voltage at its supply terminals: full scale is
+    /// `spinout-scalemax`. Its enable is the pin `spinena`.
+    pub spindle: AnalogOut,
+    /// The spindle's direction, an isolated output.
+    pub spindir: DigitalOut,
+    /// The voltages of four inputs, in the software modes that transfer them.
+    pub analog_in: Option<[AnalogIn; 4]>,
+    /// The field voltage, in the software modes that transfer it.
+    pub field_voltage: Option<AnalogIn>,
+    /// Two MPGs, in the software mode that has them.
+    pub mpgs: Option<[Counter; 2]>,
+}
+
+impl RemoteHandles for I7i76 {
+    const TABLE: &'static RemoteTable = &REMOTE;
+
+    fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
+        let volts = |n| pins.one(&format!("analogin{n}"), AnalogIn::find);
+        let mpg = |n| pins.one(&format!("enc{n}"), Counter::find);
+        let has_volts = pins.has_pin("analogin0");
+        let has_mpgs = pins.has_pin("enc0.count");
+        Ok(Self {
+            inputs: pins.numbered("input-", DigitalIn::find)?,
+            outputs: pins.numbered("output-", DigitalOut::find)?,
+            spindle: pins.analog_out("spinout", "spinena")?,
+            spindir: pins.one("spindir", DigitalOut::find)?,
+            analog_in: has_volts.then(|| pins.each(volts)).transpose()?,
+            field_voltage: pins.optional("fieldvoltage", AnalogIn::find)?,
+            mpgs: has_mpgs.then(|| pins.each(mpg)).transpose()?,
+        })
+    }
+}
 
 /// The card on a connector with a plain encoder, as on a 7I92.
 pub const CARD: CardTable = CardTable {

@@ -24,6 +24,7 @@ pub use connectors::DB25;
 
 pub use attach::{AttachError, BoardHandles, CardFinder, CardHandles, Finder, RemoteHandles};
 pub use i7i72::I7i72;
+pub use i7i76::I7i76;
 pub use i7i77::{I7i77, I7i77Analog, I7i77Field};
 pub use i7i97::I7i97;
 pub use identity::IdentityError;

@@ -205,10 +205,17 @@ impl AnalogOut {
     /// The errors of [`Pins::set_param`]. On error, the output keeps its scale and its limits.
     pub fn set_full_scale(self, pins: &mut Pins, full_scale: f64) -> Result<(), PinError> {
         let before = pins.param(self.full_scale);
+        let limits = [self.max_limit, self.min_limit].map(|limit| {
+            let limit = limit?;
+            Some((limit, pins.param(limit) / before * full_scale))
+        });
+        let is_too_large = |(_, value): &(_, f64)| full_scale.is_finite() && !value.is_finite();
+        if let Some((limit, value)) = limits.into_iter().flatten().find(is_too_large) {
+            return pins.set_param(limit, value);
+        }
         pins.set_param(self.full_scale, full_scale)?;
-        for limit in [self.max_limit, self.min_limit].into_iter().flatten() {
-            let share = pins.param(limit) / before;
-            pins.set_param(limit, share * full_scale)?;
+        for (limit, value) in limits.into_iter().flatten() {
+            pins.set_param(limit, value)?;
         }
         Ok(())
     }

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::common::machine::start;
 use mesa_hal::RemoteId;
-use mesa_hal::boards::{AttachError, I7i77, I7i97};
+use mesa_hal::boards::{AttachError, I7i76, I7i77, I7i97};
 use mesa_hal::driver::RemarkKind;
 use mesa_hal::hal::{AnalogOut, Counter, Pins};
 use mesa_hal::modules::encoder::Encoders;
@@ -317,18 +317,17 @@ fn spindle_of_a_7i76_has_its_voltage_while_it_is_enabled() {
     let mut fpga = SimFpga::new(machines::firmware_serial(&[1]));
     fpga.plug(0, 0, Some(Box::new(FieldIo::i7i76().expect("7I76"))));
     let mut driver = started(fpga);
-    let full = |name: &str| format!("hm2_7i80.0.7i76.0.0.{name}");
-    let speed = driver
+    let I7i76 { spindle, .. } = driver.attach((0, 0)).expect("a 7I76");
+    let name = driver
         .pins()
-        .output::<f64>(&full("spinout"))
-        .expect("a pin");
-    let enable = driver
-        .pins()
-        .output::<bool>(&full("spinena"))
-        .expect("a pin");
+        .info(spindle.volts)
+        .expect("a pin")
+        .name
+        .clone();
+    assert_eq!(name, "hm2_7i80.0.7i76.0.0.spinout");
     cycles(&mut driver, 3);
     // A share of the 10 V at its potentiometer's terminals.
-    driver.pins_mut().set(speed, 40.0);
+    spindle.set(driver.pins_mut(), 40.0);
     let volts = |driver: &Driver<SimFpga>| {
         let end = driver.bus().remote(0, 0).expect("a remote");
         let outputs = find(end).expect("a device").outputs();
@@ -340,11 +339,36 @@ fn spindle_of_a_7i76_has_its_voltage_while_it_is_enabled() {
     };
     cycles(&mut driver, 3);
     assert_eq!(volts(&driver), 0.0);
-    driver.pins_mut().set(enable, true);
+    spindle.enable(driver.pins_mut(), true);
     cycles(&mut driver, 3);
     assert!((volts(&driver) - 4.0).abs() < 0.01, "{}", volts(&driver));
     driver.bus_mut().wait(Duration::from_millis(100));
     assert_eq!(volts(&driver), 0.0, "its watchdog has bitten");
+}
+
+#[test]
+fn handles_of_a_7i76_are_those_of_a_7i76e_and_of_no_7i84() {
+    let mut fpga = SimFpga::new(machines::firmware_serial(&[2]));
+    fpga.plug(0, 0, Some(Box::new(FieldIo::i7i76e().expect("7I76E"))));
+    fpga.plug(0, 1, Some(Box::new(FieldIo::i7i84().expect("7I84"))));
+    let mut driver = started(fpga);
+    let card: I7i76 = driver.attach((0, 0)).expect("a 7I76E");
+    assert!(card.field_voltage.is_none(), "mode 0 does not transfer it");
+    driver.pins_mut().set(card.outputs[15].pin, true);
+    driver.pins_mut().set(card.spindir.pin, true);
+    cycles(&mut driver, 5);
+    let end = driver.bus().remote(0, 0).expect("a remote");
+    let outputs = find(end).expect("a device").outputs();
+    let is_on = |wanted: &str| {
+        let found = outputs.iter().find(|(name, _)| name == wanted);
+        found.map(|(_, value)| *value) == Some(SignalValue::Bool(true))
+    };
+    assert!(is_on("output-15") && is_on("spindir"), "{outputs:?}");
+    let other = driver.attach::<I7i76>((0, 1));
+    assert!(
+        matches!(other, Err(AttachError::Identity { .. })),
+        "{other:?}"
+    );
 }
 
 /// The stock firmware of a 7I92 lists PWM with 0 instances: nothing to drive.

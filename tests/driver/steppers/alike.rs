@@ -131,6 +131,17 @@ fn axis_of_a_7i77_reaches_its_full_speed() {
     }
     let pins = driver.pins_mut();
     assert!(analog.set_full_scale(pins, 0.0).is_err());
+    // A limit beyond the range would become infinite, which is refused before anything changes.
+    let limit = analog.max_limit.expect("a limit");
+    let usual = [pins.param(analog.full_scale), pins.param(limit)];
+    pins.set_param(limit, f64::MAX / 2.0).expect("finite");
+    let scale = usual[0];
+    assert!(analog.set_full_scale(pins, scale * 4.0).is_err());
+    assert_eq!(
+        [pins.param(analog.full_scale), pins.param(limit)],
+        [scale, f64::MAX / 2.0]
+    );
+    pins.set_param(limit, usual[1]).expect("as before");
     let limits = [analog.max_limit, analog.min_limit].map(|limit| limit.map(|it| pins.param(it)));
     assert_eq!(limits, [Some(FULL_SPEED), Some(-FULL_SPEED)]);
     assert_eq!(pins.param(analog.full_scale), FULL_SPEED);
