@@ -9,9 +9,7 @@ pub(crate) fn words(advice: Advice) -> Option<&'static str> {
         // `config=` and HAL have nothing for these, and the component does the rest itself.
         AdviceTopic::Settings
         | AdviceTopic::Module
-        | AdviceTopic::AccessList
         | AdviceTopic::HostPace
-        | AdviceTopic::BoardName
         | AdviceTopic::FlashLayout
         | AdviceTopic::BootBlock
         | AdviceTopic::Fallback

@@ -11,11 +11,9 @@ use mesa_hal::{Advice, AdviceTopic, MesaError, WithAdvice};
 pub fn in_command_words(advice: Advice) -> Option<&'static str> {
     Some(match advice.topic() {
         // The command has no option for these, and no second board.
-        AdviceTopic::BoardName
-        | AdviceTopic::Settings
+        AdviceTopic::Settings
         | AdviceTopic::PwmFrequency
         | AdviceTopic::Module
-        | AdviceTopic::AccessList
         | AdviceTopic::Calls
         | AdviceTopic::StartPeriod => return None,
         AdviceTopic::PinNames => "`mesa pins` lists them",

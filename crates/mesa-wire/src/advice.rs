@@ -89,12 +89,8 @@ pub enum AdviceTopic {
     ParameterNames,
     /// Writing a parameter of a remote.
     RemoteParameter,
-    /// The name or the number of a board.
-    BoardName,
-    /// Another value, pin, name or instance.
+    /// Another value, scale, time, pin, name or instance.
     Choice,
-    /// A group of pins that waits for its inputs or its port.
-    Group,
     /// A serial port that is switched off and on.
     PortSwitch,
     /// Re-arming the outputs.
@@ -111,9 +107,7 @@ pub enum AdviceTopic {
     Retry,
     /// The application's calls in each cycle.
     Calls,
-    /// The thread of the cycle.
-    CycleThread,
-    /// A setting of the driver.
+    /// A setting of the driver, or the name or the number of a board.
     Settings,
     /// The frequency of PWM generators.
     PwmFrequency,
@@ -125,72 +119,46 @@ pub enum AdviceTopic {
     HostPace,
     /// A period that is set before the first write.
     StartPeriod,
-    /// The period of the cycle.
-    Period,
     /// The time of a watchdog.
     WatchdogTime,
     /// The configuration of a serial port.
     SerialPort,
     /// The configuration of a channel.
     Channel,
-    /// The code of a module outside of this crate.
+    /// The code of a module outside of this crate, or of a program that uses a bus directly.
     Module,
-    /// The code of a bus, or of a program that uses a bus directly.
-    AccessList,
-    /// Computer, interrupts and power saving.
+    /// Computer, thread and period of the cycle.
     Host,
     /// Priority, memory and CPUs of the thread.
     Realtime,
-    /// Power, cable and address of the board.
+    /// Power, cable, address and slot of the board.
     Board,
-    /// Address and port of the board.
-    Address,
     /// Network interface and switches.
     Network,
     /// The firewall of the computer.
     Firewall,
-    /// The slot, the kernel and the rights of a PCI board.
-    Pci,
     /// A program that uses the same board.
     OtherProgram,
-    /// The firmware of the board.
+    /// The firmware of the board, its memory, and files for it.
     Firmware,
     /// A remark about a remote that is missing.
     Missing,
-    /// The remotes that are plugged in, and their order.
-    Cards,
     /// Cable and power of a remote.
     RemotePower,
-    /// Field power and loads of a remote.
-    FieldPower,
-    /// Noise, wires and baud rate of a serial line.
-    Line,
-    /// The watchdog of a remote.
-    RemoteWatchdog,
-    /// The software mode of a remote.
-    RemoteMode,
-    /// The firmware of a remote.
-    RemoteFirmware,
+    /// A remote: its place, field power, line, mode, firmware and watchdog.
+    Remote,
     /// A remote without a description.
     NoTable,
     /// The state of a serial port.
     PortState,
-    /// Scales and limits of pins.
-    Scale,
-    /// Times and rates of step generators.
-    StepTimes,
     /// Homing of axes.
     Homing,
-    /// Areas and layout of the board's memory.
-    FlashArea,
     /// The layout of the board's memory, by its card.
     FlashLayout,
     /// The boot block of the board's memory.
     BootBlock,
     /// The fallback configuration of the board.
     Fallback,
-    /// A file.
-    File,
     /// A bitfile without multiboot features.
     StandardBitfile,
 }
