@@ -15,7 +15,7 @@ use super::rows::EventRows;
 use super::{BoardState, CycleError, CycleReport, DriverStatistics, EventKind, SerialPort};
 use crate::bus::{Instant, Reply, Words};
 use crate::events::EventSink;
-use crate::hal::{GroupId, Input, PinStore};
+use crate::hal::{ArmingEvent, GroupId, Input, PinStore};
 use crate::modules::dpll::Dpll;
 use crate::modules::watchdog::EvidenceRead;
 use crate::modules::{Module, Outage, ReadCycle, RunOnCycle};
@@ -493,12 +493,12 @@ impl BoardCycle {
         };
         count.tally(1);
         self.events.report(now, kind);
-        self.cancel_rearm(now, true);
+        self.cancel_rearm(now, ArmingEvent::Cancel);
     }
 
     /// Makes all inputs invalid, and all outputs safe until re-armed.
     pub fn make_safe(&mut self) {
-        self.cancel_rearm(self.pins.now(), false);
+        self.cancel_rearm(self.pins.now(), ArmingEvent::CancelTransfer);
         self.pins.fault(self.group);
         for part in self.parts.each() {
             part.make_safe(&mut self.pins);

@@ -79,14 +79,10 @@ impl BoardCycle {
         ports.any(|port| port.is_off(&self.pins, group))
     }
 
-    /// Cancels the arming of groups that do not run, because of a fault: of all that are awaited,
-    /// or of all but those that wait for the board's set-up.
-    pub(super) fn cancel_rearm(&mut self, now: Instant, all: bool) {
-        let event = if all {
-            ArmingEvent::Cancel
-        } else {
-            ArmingEvent::CancelTransfer
-        };
+    /// Cancels the arming of groups that do not run, because of a fault: with
+    /// [`ArmingEvent::Cancel`] of all that are awaited, and with [`ArmingEvent::CancelTransfer`] of
+    /// all but those that wait for the board's set-up.
+    pub(super) fn cancel_rearm(&mut self, now: Instant, event: ArmingEvent) {
         let groups = self.pins.change_all_arming(event);
         if groups > 0 {
             self.events

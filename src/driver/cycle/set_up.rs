@@ -192,7 +192,7 @@ impl BoardCycle {
         if core::mem::replace(&mut self.state, state) != state {
             self.events.report(now, EventKind::OtherFirmware);
         }
-        self.cancel_rearm(now, true);
+        self.cancel_rearm(now, ArmingEvent::Cancel);
         self.is_set_up_wanted = false;
         // Sets the flag again, even if it was published before.
         self.shown = None;

@@ -4,6 +4,7 @@ use super::order::{CycleWrite, Exchange, Guard, Next, Outcome, Purpose, Separate
 use super::{BoardCycle, Evidence};
 use crate::bus::{CycleWrites, Instant};
 use crate::driver::{BoardState, CycleError, EventKind};
+use crate::hal::ArmingEvent;
 use crate::modules::{Module, WriteCycle};
 use crate::tally::Tally;
 
@@ -35,7 +36,7 @@ impl BoardCycle {
         if missed == self.pins.stale_after() {
             let writes = self.writes_since_read;
             self.events.report(now, EventKind::NotRead { writes });
-            self.cancel_rearm(now, true);
+            self.cancel_rearm(now, ArmingEvent::Cancel);
             self.make_safe();
         }
     }
