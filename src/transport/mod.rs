@@ -1,5 +1,5 @@
-//! Buses: LBP16 over UDP, and layers that record accesses or inject faults; names of registers. With
-//! the feature `std` also the socket, the search for boards and the route to an address.
+//! Buses: LBP16 over UDP, and layers that record accesses or inject faults; names of registers.
+//! With the feature `std` also the socket, the search for boards and the route to an address.
 
 // Runs in the cycle.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]

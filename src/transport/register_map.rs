@@ -118,7 +118,7 @@ const DPLL: KnownRegisters = &[
 ];
 const LED: KnownRegisters = &[("data", WriteOnly)];
 
-/// A kind of module: the first part of its names, and its registers in order. KnownRegisters behind the
+/// A kind of module: the first part of its names, and its registers in order. Registers behind the
 /// end are not known.
 ///
 /// Source: FACTS 12.4, 12.11, 14.1; Mesa's public VHDL sources for step generators.
