@@ -201,6 +201,7 @@ pub use hostmot2::RemoteId;
 pub use mesa_wire::Rounded;
 pub use mesa_wire::{lbp, lbp16};
 pub use parse_error::ParseError;
+pub use sslbp::RemoteLabel;
 pub use transport::udp::{UdpBus, UdpConfig};
 
 #[doc = include_str!("../docs/gateware.md")]

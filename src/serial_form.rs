@@ -142,7 +142,6 @@ pub(crate) mod kind {
 
 #[cfg(test)]
 mod tests {
-    use crate::hostmot2::RemoteId;
     use alloc::string::ToString;
     use core::time::Duration;
     use serde_json::{from_str, json, to_value};
@@ -152,7 +151,8 @@ mod tests {
     use crate::driver::{PortStatistics, TimeHistogram};
     use crate::events::tests::event;
     use crate::lbp::RemoteFaults;
-    use crate::{Pace, Settings};
+    use crate::sslbp::RemoteName;
+    use crate::{Pace, RemoteLabel, Settings};
 
     #[test]
     fn settings_file_holds_differences_and_refuses_unknown_names() {
@@ -185,12 +185,13 @@ mod tests {
     fn event_is_flat_and_comes_back() {
         let reason = OfflineReason::FieldPower(RemoteFaults::LOW_VOLTAGE);
         let kind = EventKind::RemoteOffline {
-            remote: RemoteId::new(0, 2),
+            remote: RemoteLabel::new((0, 2), RemoteName(*b"7I72")),
             reason,
         };
         let event = event(Instant::from_nanos(5_000_001), 7, kind);
         let expected = json!({
             "at": 5_000_001, "cycle": 7, "event": "remote-offline", "port": 0, "channel": 2,
+            "name": "7I72",
             "reason": { "field-power": "LOW_VOLTAGE" },
         });
         assert_eq!(to_value(event).expect("JSON"), expected);

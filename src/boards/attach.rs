@@ -11,6 +11,7 @@ use crate::advice::{self, Advice, MesaError};
 use crate::discovery::{RemoteDescriptor, RemoteTable};
 use crate::hal::{AnalogOut, Counter, PinError, Pins};
 use crate::hostmot2::{HostMot2, HostMot2Error, RemoteId};
+use crate::sslbp::RemoteLabel;
 
 /// Handles of a kind of remote, found by [`Driver::attach`](crate::driver::Driver::attach): for a
 /// kind that this crate supports, or for your own.
@@ -103,8 +104,8 @@ pub enum AttachError {
     /// The remote is another one, or another part of the card.
     #[error("{remote}: {source}")]
     Identity {
-        /// The address of the remote.
-        remote: RemoteId,
+        /// The remote that is there.
+        remote: RemoteLabel,
         /// The mismatch.
         source: IdentityError,
     },

@@ -8,7 +8,7 @@ use crate::advice;
 use crate::discovery::{RemoteDescriptor, RemoteTable};
 use crate::hal::Pins;
 use crate::hostmot2::RemoteId;
-use crate::sslbp::RemoteName;
+use crate::sslbp::{RemoteLabel, RemoteName};
 
 /// The built-in tables of remotes.
 pub const REMOTES: [&RemoteTable; 4] = [
@@ -78,7 +78,10 @@ impl RemoteTable {
             remote,
             expected: T::TABLE.title,
         })?;
-        require(T::TABLE, descriptor).map_err(|source| AttachError::Identity { remote, source })?;
+        require(T::TABLE, descriptor).map_err(|source| AttachError::Identity {
+            remote: RemoteLabel::new(remote, descriptor.name),
+            source,
+        })?;
         T::find(&Finder::new(pins, prefix, T::TABLE.title))
     }
 }

@@ -1,7 +1,7 @@
 //! Results of discovery about a remote.
 
 use super::ProblemKind;
-use crate::sslbp::{AccessSize, RemoteName};
+use crate::sslbp::{AccessSize, RemoteName, in_hal};
 use alloc::{format, string::String, vec::Vec};
 
 /// Complete description of a remote, in the software mode in which it was started.
@@ -89,25 +89,6 @@ impl DataRecord {
 pub(crate) fn hal_name(name: &str) -> String {
     let small = name.chars().map(|c| c.to_ascii_lowercase());
     small.map(in_hal).collect()
-}
-
-/// The name of a card in HAL spelling: `7i77` for `7I77`, and `TsHW` for `TsHW`. As in LinuxCNC the
-/// second letter is small, and the others are as the card has them.
-pub(crate) fn hal_card_name(name: &str) -> String {
-    let letters = name.chars().enumerate().map(|(at, c)| match at {
-        1 => c.to_ascii_lowercase(),
-        _ => c,
-    });
-    letters.map(in_hal).collect()
-}
-
-/// A character that a HAL file can hold.
-fn in_hal(c: char) -> char {
-    if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.' | '+') {
-        c
-    } else {
-        '_'
-    }
 }
 
 /// A mode record.

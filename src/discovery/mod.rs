@@ -19,4 +19,4 @@ pub use problem::{Problem, ProblemKind, Table};
 pub use table::{ElementTable, RemoteTable, TableAddresses, TableDifference};
 pub use walk::{Discovery, DiscoveryOptions, discover};
 
-pub(crate) use descriptor::{hal_card_name, hal_name};
+pub(crate) use descriptor::hal_name;

@@ -14,7 +14,7 @@ use crate::hostmot2::{IdentifyError, RemoteId};
 use crate::modules::RegisterError;
 use crate::modules::serial::WATCHDOG_PARAMETER;
 use crate::remote::ParameterError;
-use crate::sslbp::PortError;
+use crate::sslbp::{PortError, RemoteLabel};
 
 /// Error of configuring or starting a board, or of reading or writing a parameter of a remote.
 ///
@@ -58,7 +58,7 @@ pub enum DriverError {
     #[error("{remote}, parameter {name}: {source}")]
     Parameter {
         /// The remote.
-        remote: RemoteId,
+        remote: RemoteLabel,
         /// The requested name of the parameter.
         name: Box<str>,
         /// The reason.
@@ -94,7 +94,7 @@ pub enum DriverError {
         /// Name of the watchdog, and of its setting.
         of: Box<str>,
         /// The remote that has the watchdog; `None` for the board's.
-        remote: Option<RemoteId>,
+        remote: Option<RemoteLabel>,
         /// The time of the watchdog; 50 ms for a remote without a known time.
         watchdog: Duration,
         /// The least time that the period requires.
@@ -131,7 +131,7 @@ pub enum DriverError {
     )]
     NotHeard {
         /// The remote.
-        remote: RemoteId,
+        remote: RemoteLabel,
     },
     /// The board is not set up, so that its serial lines are not connected.
     #[error("{state}: no remote can be reached")]
@@ -146,7 +146,7 @@ pub enum DriverError {
 const WATCHDOG_FEEDS: u32 = 2;
 
 /// Returns the name of a watchdog, and of its parameter.
-fn watchdog_name(remote: Option<RemoteId>) -> String {
+fn watchdog_name(remote: Option<RemoteLabel>) -> String {
     match remote {
         Some(remote) => format!("{remote}: the remote's watchdog ({WATCHDOG_PARAMETER} in ms)"),
         None => "the board's watchdog".into(),
@@ -156,7 +156,7 @@ fn watchdog_name(remote: Option<RemoteId>) -> String {
 impl DriverError {
     /// Refuses a watchdog of a remote or of the board that is too short for the period.
     pub(super) fn check_watchdog(
-        remote: Option<RemoteId>,
+        remote: Option<RemoteLabel>,
         watchdog: Duration,
         period: Duration,
     ) -> Result<(), Self> {

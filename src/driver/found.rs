@@ -22,9 +22,7 @@ impl<B: RegisterBus + Clock> fmt::Display for Driver<B> {
         let remotes = self.ports().iter().flat_map(SerialPort::remotes);
         for (number, remote) in remotes.enumerate() {
             let separator = if number == 0 { " (" } else { ", " };
-            let prefix = &*remote.pins.prefix;
-            let own = prefix.strip_prefix(self.name()).unwrap_or(prefix);
-            write!(f, "{separator}{}", own.trim_start_matches('.'))?;
+            write!(f, "{separator}{}", remote.label)?;
         }
         f.write_str(if count == 0 { "" } else { ")" })?;
         let outputs = self.modules::<Outputs>().map(|part| part.outputs().len());

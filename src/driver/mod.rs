@@ -241,7 +241,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     ///     let mut lines = Vec::new();
     ///     loop {
     ///         let is_last = events.has_ended(); // before the last events are taken
-    ///         // cycle 5021, 5.020113 s: port 0, channel 1: ...
+    ///         // cycle 5021, 5.020113 s: 7i77.0.1: ...
     ///         lines.extend(events.by_ref().map(|event| event.to_string()));
     ///         if is_last {
     ///             return lines;

@@ -11,7 +11,7 @@ use crate::lbp::{RemoteAccess, RemoteLinkErrorKind};
 use crate::modules::serial::WATCHDOG_PARAMETER;
 use crate::modules::watchdog::WatchdogRegisters;
 use crate::remote::{ParameterError, ParameterValue, RemotePins};
-use crate::sslbp::{Port, PortLink, StartMode, StartedRemote};
+use crate::sslbp::{Port, PortLink, RemoteLabel, StartMode, StartedRemote};
 
 /// Time of the board's watchdog while it is not fed: longer than all steps together, including
 /// repeated accesses.
@@ -23,11 +23,18 @@ const TRIES: u32 = 3;
 /// A parameter of a remote.
 #[derive(Clone, Copy, Debug)]
 struct KeptParameter<'a> {
-    remote: RemoteId,
+    remote: RemoteLabel,
     name: &'a str,
 }
 
 impl<'a> KeptParameter<'a> {
+    fn new(pins: &RemotePins, name: &'a str) -> Self {
+        Self {
+            remote: pins.label,
+            name,
+        }
+    }
+
     fn failed(self, source: ParameterError) -> DriverError {
         if let ParameterError::Link(error) = &source
             && let RemoteLinkErrorKind::Bus(error) = error.kind()
@@ -102,7 +109,7 @@ impl CheckedWrite<'_> {
         on_bus.stop_all()?;
         let outcomes = on_bus.start(StartMode::Setup, &[(channel, is.software_mode)])?;
         let Some(outcome) = outcomes.into_iter().next() else {
-            return Err(DriverError::no_remote(remote));
+            return Err(DriverError::no_remote(remote.id));
         };
         let missing = |kind| DriverError::Missing(Remark::new(remote, kind));
         let found = outcome.map_err(|failure| missing(RemarkKind::DidNotStart(failure)))?;
@@ -128,9 +135,8 @@ impl<B: RegisterBus + Clock> Configured<B> {
         remote: impl Into<RemoteId>,
         name: &str,
     ) -> Result<ParameterValue, DriverError> {
-        let remote = remote.into();
-        let parameter = KeptParameter { remote, name };
-        let (mut memory, _, pins) = self.in_setup(remote)?;
+        let (mut memory, _, pins) = self.in_setup(remote.into())?;
+        let parameter = KeptParameter::new(pins, name);
         let read = parameter.record(pins)?.read_parameter(&mut memory);
         read.map_err(|error| parameter.failed(error))
     }
@@ -153,9 +159,8 @@ impl<B: RegisterBus + Clock> Configured<B> {
         value: impl Into<AnyValue>,
     ) -> Result<(), DriverError> {
         let (value, period) = (value.into(), self.0.plan.settings.period);
-        let remote = remote.into();
-        let parameter = KeptParameter { remote, name };
-        let (mut memory, store, pins) = self.in_setup(remote)?;
+        let (mut memory, store, pins) = self.in_setup(remote.into())?;
+        let parameter = KeptParameter::new(pins, name);
         let record = parameter.record(pins)?;
         let write = parameter.check(record, value, period)?;
         write.write(&mut memory)?;
@@ -213,8 +218,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
         value: impl Into<AnyValue>,
     ) -> Result<(), DriverError> {
         let (value, remote) = (value.into(), remote.into());
-        let parameter = KeptParameter { remote, name };
         let status = self.status(remote)?;
+        let parameter = KeptParameter::new(status.pins, name);
         let record = parameter.record(status.pins)?.clone();
         let write = parameter.check(&record, value, self.pacer.period)?;
         let started = *status.started;
@@ -258,8 +263,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
         value: impl Into<AnyValue>,
     ) -> Result<(), DriverError> {
         let (value, remote) = (value.into(), remote.into());
-        let parameter = KeptParameter { remote, name };
         let status = self.status(remote)?;
+        let parameter = KeptParameter::new(status.pins, name);
         let record = parameter.record(status.pins)?;
         let raw = parameter.check(record, value, self.pacer.period)?.raw;
         let write = status.pins.write_of(status.started.channel, name, raw);
@@ -304,8 +309,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let bus = &mut self.bus;
         let KeptParameter { remote, name } = write.parameter;
         let ports = &mut self.cycle.parts.ports;
-        let Some(serial) = ports.get_mut(usize::from(remote.port)) else {
-            return Err(DriverError::no_remote(remote));
+        let Some(serial) = ports.get_mut(usize::from(remote.id.port)) else {
+            return Err(DriverError::no_remote(remote.id));
         };
         let result = write.start_and_write(bus, &mut serial.port, started);
         let stopped = serial.port.on(bus).stop_all();

@@ -5,7 +5,6 @@ use core::time::Duration;
 use super::arrival::ArrivalClock;
 use super::{Driver, DriverError, ExchangePacer, Pace};
 use crate::bus::{Clock, RegisterBus};
-use crate::hostmot2::RemoteId;
 use crate::modules::serial::SerialPort;
 
 impl<B: RegisterBus + Clock> Driver<B> {
@@ -85,8 +84,7 @@ pub(super) fn check_port(port: &SerialPort, period: Duration) -> Result<(), Driv
     }
     for remote in port.remotes() {
         if let Some(time) = remote.watchdog.time() {
-            let id = RemoteId::new(number, remote.started.channel.index());
-            DriverError::check_watchdog(Some(id), time, period)?;
+            DriverError::check_watchdog(Some(remote.label), time, period)?;
         }
     }
     Ok(())

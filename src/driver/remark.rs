@@ -8,12 +8,12 @@ use crate::advice::{self, Advice, MesaError};
 use crate::boards::{IdentityError, i7i77};
 use crate::discovery::{Discovery, Problem, RemoteTable, TableDifference};
 use crate::events::OfflineReason;
-use crate::hostmot2::RemoteId;
 use crate::modules::Undriven;
 use crate::modules::serial::{RemotePart, RemoteWatchdog};
 use crate::remote::RemoteError;
 use crate::sslbp::{
-    MAX_CHANNELS, PortParameters, RemoteName, StartFailure, StartFailureReason, StartedRemote,
+    MAX_CHANNELS, PortParameters, RemoteLabel, RemoteName, StartFailure, StartFailureReason,
+    StartedRemote,
 };
 
 /// A remark about a remote that does not take part, an unusual remote, or a part of the board that
@@ -24,8 +24,8 @@ use crate::sslbp::{
     None => alloc::string::String::new(),
 })]
 pub struct Remark {
-    /// The remote; `None` for the board itself.
-    pub remote: Option<RemoteId>,
+    /// The remote, without a name if it has no pins; `None` for the board itself.
+    pub remote: Option<RemoteLabel>,
     /// The kind of the remark, with its data.
     pub kind: RemarkKind,
 }
@@ -62,10 +62,8 @@ pub enum RemarkKind {
     },
     /// The remote was found, and does not run at the start: its pins are there, not valid, and it
     /// is tried again, as one that goes offline later.
-    #[error("{name} offline: {reason}")]
+    #[error("card offline: {reason}")]
     Offline {
-        /// Name of the remote.
-        name: RemoteName,
         /// The reason.
         reason: OfflineReason,
     },
@@ -183,9 +181,9 @@ impl Remark {
         )
     }
 
-    pub(super) fn new(remote: RemoteId, kind: RemarkKind) -> Self {
+    pub(super) fn new(remote: impl Into<RemoteLabel>, kind: RemarkKind) -> Self {
         Self {
-            remote: Some(remote),
+            remote: Some(remote.into()),
             kind,
         }
     }

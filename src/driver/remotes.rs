@@ -56,8 +56,12 @@ impl PortStage {
         self.configs.get(&channel.index())
     }
 
+    /// A remark about a channel, with the name of its remote if one takes part.
     fn remark(&self, channel: u8, kind: RemarkKind) -> Remark {
-        Remark::new(RemoteId::new(self.number(), channel), kind)
+        match self.remote(channel) {
+            Some(remote) => Remark::new(remote.label(), kind),
+            None => Remark::new(RemoteId::new(self.number(), channel), kind),
+        }
     }
 
     pub fn remote(&self, channel: u8) -> Option<&RemotePart> {
@@ -169,8 +173,7 @@ impl Plan {
                     let (watchdog, name) = (remote.watchdog(), remote.descriptor.name);
                     if watchdog.is_slow() {
                         let kind = RemarkKind::SlowWatchdog { name, watchdog };
-                        let channel = remote.started.channel.index();
-                        self.remarks.push(stage.remark(channel, kind));
+                        self.remarks.push(Remark::new(remote.label(), kind));
                     }
                     stage.remotes.push(remote);
                 }
@@ -232,13 +235,11 @@ impl Plan {
     fn offline(
         &mut self,
         stage: &PortStage,
-        is: &StartedRemote,
+        remote: &RemotePart,
         reason: OfflineReason,
     ) -> Result<(), DriverError> {
-        let name = is.name;
-        let kind = RemarkKind::Offline { name, reason };
-        let remark = stage.remark(is.channel.index(), kind);
-        let config = stage.config(is.channel);
+        let remark = Remark::new(remote.label(), RemarkKind::Offline { reason });
+        let config = stage.config(remote.started.channel);
         let is_required = config.is_some_and(|config| config.presence == Presence::Required);
         let is_reported = matches!(
             reason,
@@ -270,7 +271,7 @@ impl Plan {
         let pins = RemotePins::new(&mut self.pins, &self.name, at, descriptor, plan, table);
         let pins = pins.map_err(|error| (channel, RemarkKind::Pins(error)))?;
         let remarks = remark::on(&discovered, &self.tables, table).into_iter();
-        let remarks = remarks.map(|kind| stage.remark(channel.index(), kind));
+        let remarks = remarks.map(|kind| Remark::new(pins.label, kind));
         self.remarks.extend(remarks);
         Ok(RemotePart {
             started: discovered.started,
@@ -364,15 +365,14 @@ impl Plan {
         let parameters = port.known_parameters()?;
         let mut remotes = Vec::new();
         for mut remote in core::mem::take(&mut stage.remotes) {
-            let is = remote.started;
             // An absent remote has no outcome.
             if !remote.is_absent()
                 && let Some(outcome) = outcomes.next()
             {
-                match remark::is_same(&is, outcome) {
+                match remark::is_same(&remote.started, outcome) {
                     Ok(found) => remote.started = found,
                     Err(reason) => {
-                        self.offline(stage, &is, reason)?;
+                        self.offline(stage, &remote, reason)?;
                         remote.offline = Some(reason);
                     }
                 }

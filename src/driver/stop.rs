@@ -8,8 +8,7 @@ use core::time::Duration;
 use super::{BoardState, CycleError, Driver, DriverError, RemoteState, RemoteWatchdog, SerialPort};
 use crate::advice::{self, Advice, MesaError};
 use crate::bus::{Clock, Instant, RegisterBus};
-use crate::hostmot2::RemoteId;
-use crate::sslbp::{PortError, RemoteName};
+use crate::sslbp::{PortError, RemoteLabel};
 
 /// Attempts of the last transfer: over a network one packet may be lost.
 const LAST_TRIES: u32 = 3;
@@ -91,22 +90,16 @@ impl MesaError for StopError {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct NotReached {
-    /// The address of the remote.
-    pub remote: RemoteId,
-    /// The name of the remote.
-    pub name: RemoteName,
+    /// The remote.
+    pub remote: RemoteLabel,
     /// The watchdog of the remote.
     pub watchdog: RemoteWatchdog,
 }
 
 impl fmt::Display for NotReached {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            remote,
-            name,
-            watchdog,
-        } = self;
-        write!(f, "the {name} on {remote} was not reached: ")?;
+        let Self { remote, watchdog } = self;
+        write!(f, "{remote} was not reached: ")?;
         let usual = RemoteWatchdog::USUAL.as_millis();
         match watchdog {
             RemoteWatchdog::Known(time) => write!(
@@ -174,8 +167,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         parts.ports.iter().flat_map(move |port| {
             port.not_reached(now, silent_since)
                 .map(move |remote| NotReached {
-                    remote: remote.id,
-                    name: remote.descriptor.name,
+                    remote: remote.label,
                     watchdog: remote.watchdog,
                 })
         })

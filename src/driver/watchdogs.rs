@@ -4,7 +4,6 @@ use alloc::vec::Vec;
 
 use super::{Driver, DriverError};
 use crate::bus::{Clock, RegisterBus};
-use crate::hostmot2::RemoteId;
 use crate::modules::serial::SerialPort;
 
 /// Number of queries for the remotes' reports: a transfer may be lost.
@@ -65,9 +64,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let mut not_heard = None;
         for (port, asked) in self.cycle.parts.ports.iter_mut().zip(&asked) {
             let channel = port.judge_watchdogs(asked, took, &mut self.cycle.pins, now);
-            let number = port.layout().instance;
-            let remote = channel.map(|channel| RemoteId::new(number, channel.index()));
-            not_heard = not_heard.or(remote);
+            let remote = channel.and_then(|channel| port.remote(channel));
+            not_heard = not_heard.or(remote.map(|remote| remote.label));
         }
         if !self.cycle.is_running() {
             return Err(DriverError::NotRunning {

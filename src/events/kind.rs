@@ -1,7 +1,6 @@
 //! The kinds of events.
 
 use crate::advice::{self, Advice, MesaError, WithAdvice};
-use crate::hostmot2::RemoteId;
 use core::fmt;
 use core::time::Duration;
 
@@ -10,7 +9,7 @@ use bitflags::bitflags;
 use super::OfflineReason;
 use crate::bus::BusErrorKind;
 use crate::packed::packed_enum;
-use crate::sslbp::Failure;
+use crate::sslbp::{Failure, RemoteLabel};
 
 /// Defines [`EventKind`] and all that follows from a kind, so that a new kind is one entry: its bit
 /// in [`EventMask`], whether it is a `fault` or a `recovery`, its remote if there is one, its text,
@@ -86,7 +85,7 @@ macro_rules! event_kinds {
 
             /// The remote of an event about one; `None` for other events.
             #[expect(unused_variables, reason = "an entry names the fields that it needs")]
-            pub const fn remote(&self) -> Option<RemoteId> {
+            pub const fn remote(&self) -> Option<RemoteLabel> {
                 match self {
                     $(Self::$variant $({ $($field),* })? => event_kinds!(@or_none $($remote)?),)*
                 }
@@ -134,7 +133,7 @@ pub enum EventKind {
     TransferFailed {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
-        remote: RemoteId,
+        remote: RemoteLabel,
         /// The reason.
         failure: Failure,
     },
@@ -143,7 +142,7 @@ pub enum EventKind {
     RemoteOffline {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
-        remote: RemoteId,
+        remote: RemoteLabel,
         /// The reason this time. The first reason since the remote was re-armed last stays in
         /// [`RemoteStatus::first_fault`](crate::driver::RemoteStatus::first_fault).
         reason: OfflineReason,
@@ -153,7 +152,7 @@ pub enum EventKind {
     RemoteStaysOffline {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
-        remote: RemoteId,
+        remote: RemoteLabel,
         /// The reason.
         reason: OfflineReason,
     },
@@ -162,21 +161,21 @@ pub enum EventKind {
     RemoteBack {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
-        remote: RemoteId,
+        remote: RemoteLabel,
     },
     /// An optional remote that was absent at the start came up. It waits to be armed.
     [REMOTE_UP = 4, recovery; of Some(*remote); "card plugged in and running, outputs off until re-armed"; then Some(advice::REARM)]
     RemoteUp {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
-        remote: RemoteId,
+        remote: RemoteLabel,
     },
     /// A remote that had been offline follows the application again; its first fault is cleared.
     [REMOTE_REARMED = 5, recovery; of Some(*remote); "re-armed: outputs follow again"]
     RemoteRearmed {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
-        remote: RemoteId,
+        remote: RemoteLabel,
     },
     /// The board's watchdog was found to have bitten: the host was late, or another program let it
     /// bite. Everything is safe.
@@ -221,7 +220,7 @@ pub enum EventKind {
     RemoteRearmCancelled {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
-        remote: RemoteId,
+        remote: RemoteLabel,
     },
     /// A read failed; the first of a row with this reason.
     [READ_FAILED = 11, fault; "read failed: {why}"]
@@ -294,7 +293,7 @@ pub enum EventKind {
     ParameterNotWritten {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
-        remote: RemoteId,
+        remote: RemoteLabel,
         /// Index in [`RemotePins::parameters`](crate::remote::RemotePins::parameters).
         parameter: u32,
     },
@@ -491,7 +490,7 @@ pub enum Repeating {
     FailedTransfers {
         /// The remote.
         #[cfg_attr(feature = "serde", serde(flatten))]
-        remote: RemoteId,
+        remote: RemoteLabel,
     },
     /// [`EventKind::ReadFailed`] and [`EventKind::NotThere`].
     FailedReads,
@@ -530,7 +529,7 @@ impl fmt::Display for Positions {
 }
 
 impl Repeating {
-    const fn remote(self) -> Option<RemoteId> {
+    const fn remote(self) -> Option<RemoteLabel> {
         match self {
             Self::FailedTransfers { remote } => Some(remote),
             _ => None,

@@ -22,8 +22,8 @@ use crate::bus::Instant;
 
 /// An event of the cycle, with its time.
 ///
-/// `Display` writes it as a sentence: `cycle 5021, 5.020113 s: port 0, channel 1: card offline,
-/// ...`.
+/// `Display` writes it as a sentence, with a remote as in the names of its pins: `cycle 5021,
+/// 5.020113 s: 7i77.0.1: card offline, ...`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

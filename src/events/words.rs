@@ -4,6 +4,7 @@ use super::{Event, EventKind};
 use crate::bus::{BusErrorKind, Instant};
 use crate::hostmot2::RemoteId;
 use crate::packed::{packed, packed_word};
+use crate::sslbp::{RemoteLabel, RemoteName};
 
 /// All kinds of bus errors, in the order of their numbers in an event.
 const BUS_ERRORS: [BusErrorKind; 10] = [
@@ -24,12 +25,21 @@ packed!(Event {
     cycle: u64,
     kind: EventKind,
 });
+// The address, 1 if there is a name, and the name.
 packed_word!(
-    RemoteId,
-    |remote| u16::from_le_bytes([remote.port, remote.channel]).into(),
+    RemoteLabel,
+    |remote| {
+        let RemoteId { port, channel } = remote.id;
+        let [a, b, c, d] = remote.name.unwrap_or_default().0;
+        let is_named = remote.name.is_some().into();
+        u64::from_le_bytes([port, channel, is_named, 0, a, b, c, d])
+    },
     |word| {
-        let [port, channel] = (word as u16).to_le_bytes();
-        Some(Self { port, channel })
+        let [port, channel, is_named, _, name @ ..] = word.to_le_bytes();
+        Some(Self {
+            id: RemoteId { port, channel },
+            name: (is_named != 0).then_some(RemoteName(name)),
+        })
     },
 );
 packed_word!(BusErrorKind, |kind| *kind as u64, |number| BUS_ERRORS
@@ -96,7 +106,10 @@ mod tests {
     #[test]
     fn each_field_of_an_event_comes_back() {
         use crate::events::OfflineReason;
-        let remote = RemoteId::new(1, 7);
+        let id = RemoteId::new(1, 7);
+        let unnamed = RemoteLabel::from(id);
+        assert_eq!(again(&unnamed), Some(unnamed));
+        let remote = RemoteLabel::new(id, RemoteName(*b"7I77"));
         for why in BUS_ERRORS {
             let kind = EventKind::ReadFailed { why };
             assert_eq!(again(&kind), Some(kind));

@@ -7,8 +7,10 @@ use crate::ParseError;
 
 /// Address of a remote: the smart-serial port and the channel of that port.
 ///
-/// As text, `port 0, channel 1`. [`FromStr`] accepts that as well as the short form of LinuxCNC's
-/// pin names, `0.1`. Functions that take a remote accept the pair `(port, channel)` too:
+/// As text, `port 0, channel 1`; with the name of what is there it is a
+/// [`RemoteLabel`](crate::RemoteLabel), `7i77.0.1`. [`FromStr`] accepts the first, and the short
+/// form of LinuxCNC's pin names, `0.1`. Functions that take a remote accept the pair
+/// `(port, channel)` too:
 ///
 /// ```
 /// use mesa_hal::RemoteId;

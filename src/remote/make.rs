@@ -1,7 +1,7 @@
 //! Construction of the pins of a remote's process data.
 
 use alloc::format;
-use alloc::string::{String, ToString};
+use alloc::string::String;
 use alloc::vec::Vec;
 
 use super::binding::{Binding, BitInputs, Codec, Pin};
@@ -11,13 +11,14 @@ use super::scaling::narrow_limits;
 use super::{RemoteError, RemoteParameter, RemotePins, Scaling};
 use crate::discovery::{
     DataDirection, DataRecord, DataType, Element, ElementTable, PackingPlan, RemoteDescriptor,
-    RemoteTable, hal_card_name, hal_name,
+    RemoteTable, hal_name,
 };
 use crate::hal::{
     Counter, FullScale, Input, Invert, Output, Param, PinError, PinMaker, PinStore, Place, Spec,
     Value,
 };
 use crate::hostmot2::RemoteId;
+use crate::sslbp::RemoteLabel;
 
 impl RemotePins {
     /// Makes the pins and parameters of the remote on a port and channel of `board`, in a separate
@@ -37,9 +38,10 @@ impl RemotePins {
         table: Option<&RemoteTable>,
     ) -> Result<Self, RemoteError> {
         pins.as_a_whole(|pins| {
-            let card = hal_card_name(&descriptor.name.to_string());
+            let label = RemoteLabel::new(id, descriptor.name);
             let mut remote = Self {
-                prefix: format!("{board}.{card}.{}.{}", id.port, id.channel),
+                label,
+                prefix: format!("{board}.{label}"),
                 group: pins.add_group(),
                 parameters: Vec::new(),
                 inputs: Vec::new(),

@@ -17,7 +17,7 @@ mod parameter;
 mod scaling;
 
 use crate::advice::{Advice, MesaError};
-use crate::sslbp::Channel;
+use crate::sslbp::{Channel, RemoteLabel};
 pub use baud_rate::{BAUD_RATE_PARAMETER, operate_baud_rate};
 pub(crate) use parameter::ParameterWrite;
 pub use parameter::{ParameterError, ParameterValue, RemoteParameter};
@@ -43,6 +43,8 @@ use crate::hal::{GroupId, PinError, PinStore};
 /// [`put_outputs`](Self::put_outputs) before each transfer.
 #[derive(Debug)]
 pub struct RemotePins {
+    /// The remote.
+    pub label: RemoteLabel,
     /// Common start of the names, for example `hm2_7i92.0.7i77.0.0`.
     pub prefix: String,
     /// Group of the pins: for validity, age and arming.

@@ -14,7 +14,7 @@ use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use crate::bus::{Clock, RegisterBus};
-use crate::driver::Driver;
+use crate::driver::{Driver, SerialPort};
 use crate::hal::Settable;
 use crate::hal::{AnyValue, GroupId, Handle, Param, PinError, PinId, PinInfo, Pins, Role, Value};
 use crate::tally::Tally;
@@ -161,11 +161,7 @@ impl CommandQueue {
         let capacity = capacity.clamp(1, LARGEST);
         let slots = (0..capacity).map(|_| <[AtomicU64; WORDS]>::default());
         let pins = driver.pins();
-        let remotes = driver.ports().iter().flat_map(|port| {
-            let number = port.layout().instance;
-            port.remotes()
-                .map(move |remote| RemoteId::new(number, remote.started.channel.index()))
-        });
+        let remotes = driver.ports().iter().flat_map(SerialPort::remotes);
         let groups = pins.groups().map(|group| {
             let faults = pins.group_state(group).map_or(0, |state| state.faults);
             (group, AtomicU64::new(faults))
@@ -183,7 +179,7 @@ impl CommandQueue {
                 has_ended: AtomicBool::new(false),
                 infos: pins.infos().to_vec(),
                 pin: pins.ids().next().unwrap_or_default(),
-                remotes: remotes.collect(),
+                remotes: remotes.map(|remote| remote.label.id).collect(),
             }),
             faults: faults(driver),
             epoch: 0,

@@ -7,7 +7,6 @@ mod view;
 pub use view::{RemoteSnapshot, Snapshot};
 
 use crate::advice::{self, Advice, MesaError};
-use crate::hostmot2::RemoteId;
 use alloc::boxed::Box;
 use alloc::sync::Arc;
 use alloc::vec::Vec;
@@ -20,7 +19,7 @@ use crate::bus::{Clock, HostClock, Instant, RegisterBus};
 use crate::driver::{BoardState, Driver, RemoteState, RemoteStatus, SerialPort};
 use crate::hal::{GroupId, PinError, PinId, PinInfo, Pins};
 use crate::packed::{Packed, WordSink};
-use crate::sslbp::RemoteName;
+use crate::sslbp::RemoteLabel;
 use crate::tally::Tally;
 
 /// Published values are valid for this time; for 3 periods, if these are longer.
@@ -135,7 +134,7 @@ struct SnapshotLayout {
     groups: Vec<GroupId>,
     /// The number of each pin's group.
     group_of: Vec<u32>,
-    places: Vec<(RemoteId, RemoteName, GroupId)>,
+    places: Vec<(RemoteLabel, GroupId)>,
     /// The first words of the groups, the remotes, the values and the flags.
     groups_at: usize,
     remotes_at: usize,
@@ -157,18 +156,8 @@ impl SnapshotWriter {
     /// A writer for a driver. Nothing is published yet.
     pub fn new<B: RegisterBus + Clock>(driver: &Driver<B>) -> Self {
         let now = driver.pins().now();
-        let remotes = driver.ports().iter().flat_map(|port| {
-            let number = port.layout().instance;
-            port.remotes().map(move |remote| {
-                let started = remote.started;
-                (
-                    RemoteId::new(number, started.channel.index()),
-                    started.name,
-                    remote.pins.group,
-                )
-            })
-        });
-        let places: Vec<_> = remotes.collect();
+        let places = remotes(driver).map(|remote| (remote.label, remote.pins.group));
+        let places: Vec<_> = places.collect();
         let since = ChangeTimes {
             board: (driver.board_state(), now),
             remotes: places.iter().map(|_| (Some(true), now)).collect(),
@@ -352,7 +341,7 @@ impl SnapshotLayout {
     /// The layout, and the number of words.
     fn new<B: RegisterBus + Clock>(
         driver: &Driver<B>,
-        places: Vec<(RemoteId, RemoteName, GroupId)>,
+        places: Vec<(RemoteLabel, GroupId)>,
         since: &ChangeTimes,
     ) -> (Self, usize) {
         let pins = driver.pins();

@@ -5,6 +5,7 @@
 mod channels;
 mod doit_time;
 mod error;
+mod label;
 mod layout;
 mod line;
 mod machine;
@@ -18,6 +19,7 @@ pub use crate::lbp::{AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess,
 pub use channels::{Channel, ChannelMask, MAX_CHANNELS, PerChannel};
 pub use doit_time::{ChannelExchange, DoitTime};
 pub use error::PortError;
+pub use label::RemoteLabel;
 pub use layout::{MAX_INTERFACE_REGISTERS, PortLayout, PortPlace};
 pub use line::DEFAULT_BAUD_RATE;
 pub use machine::{
@@ -33,5 +35,6 @@ pub use started::{
 };
 pub use status::{ComState, CsStatus, LocalFaults};
 
+pub(crate) use label::in_hal;
 pub(crate) use layout::{ChannelRegisters, MAX_PORTS};
 pub(crate) use port::PortResult;

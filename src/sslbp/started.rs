@@ -43,6 +43,11 @@ impl RemoteName {
     pub const fn from_register(word: u32) -> Self {
         Self(word.to_le_bytes())
     }
+
+    /// Its characters, with `_` for those that cannot be printed.
+    pub(super) fn characters(self) -> impl Iterator<Item = char> {
+        self.0.into_iter().map(printable)
+    }
 }
 
 fn printable(byte: u8) -> char {
@@ -55,9 +60,8 @@ fn printable(byte: u8) -> char {
 
 impl fmt::Display for RemoteName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0
-            .iter()
-            .try_for_each(|&c| fmt::Write::write_char(f, printable(c)))
+        self.characters()
+            .try_for_each(|c| fmt::Write::write_char(f, c))
     }
 }
 

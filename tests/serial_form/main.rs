@@ -9,7 +9,6 @@ use std::path::Path;
 use std::time::Duration;
 
 use crate::common::machine::{Machine, OUTPUTS, fpga, start};
-use mesa_hal::RemoteId;
 use mesa_hal::boards::i7i77;
 use mesa_hal::bus::{BusErrorKind, BusStatistics};
 use mesa_hal::driver::{
@@ -20,7 +19,8 @@ use mesa_hal::hal::{Age, AnyValue, PinMaker, PinStore, Spec};
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::lbp::RemoteFaults;
 use mesa_hal::runner::{RunStatistics, Runner, SnapshotWriter};
-use mesa_hal::{Pace, Presence, RemoteConfig, SerialConfig, Settings};
+use mesa_hal::sslbp::RemoteName;
+use mesa_hal::{Pace, Presence, RemoteConfig, RemoteLabel, SerialConfig, Settings};
 use serde_json::{Value, from_str, from_value, json, to_value};
 
 /// Compares a value with the file in `tests/serial_form`.
@@ -70,7 +70,7 @@ fn settings_are_as_they_are_written_and_come_back() {
 #[expect(clippy::too_many_lines, reason = "one event of each kind")]
 #[test]
 fn events_are_as_they_are_written_and_come_back() {
-    let remote = RemoteId::new(0, 2);
+    let remote = RemoteLabel::new((0, 2), RemoteName(*b"7I72"));
     let why = BusErrorKind::Lost;
     let kinds = [
         EventKind::TransferFailed {

@@ -95,11 +95,10 @@ fn in_remotes<B: RegisterBus + Clock>(driver: &Driver<B>) -> Vec<InRemote> {
     let mut all = Vec::new();
     for port in driver.ports() {
         for remote in port.remotes() {
-            let id = RemoteId::new(port.layout().instance, remote.started.channel.index());
             let parameters = remote.pins.parameters.iter();
             all.extend(parameters.map(|parameter| InRemote {
                 id: parameter.pin(),
-                remote: id,
+                remote: remote.label.id,
                 name: parameter.record.name.clone(),
             }));
         }

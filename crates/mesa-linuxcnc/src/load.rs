@@ -21,7 +21,7 @@ use crate::interface::Interface;
 use crate::log::{Log, at_set_up};
 use crate::memory::{HalMemory, MemoryError};
 use crate::parameters::{self, BoardParameters, BoardPlace, Words};
-use crate::report::Names;
+use crate::report::Subject;
 
 type BoardDriver = Driver<Recording<DynBus>>;
 
@@ -192,14 +192,14 @@ fn add(
     }
     let listener = Box::new(|level: Level, text: &CStr| ffi::print(level, text));
     let log = Log::new(driver.name(), listener);
-    report_remarks(&driver, &Names::new(&driver, Interface::own()));
+    report_remarks(&driver);
     let mut cycle = Cycle::new(driver, memory, log);
     cycle.look();
     Ok(cycle)
 }
 
 /// Prints what a user should know about the remotes and modules of a board.
-fn report_remarks(driver: &BoardDriver, names: &Names) {
+fn report_remarks(driver: &BoardDriver) {
     let name = driver.name();
     let missing = driver.missing().iter();
     let (silent, missing): (Vec<_>, Vec<_>) = missing.partition(|remark| remark.is_silent());
@@ -207,17 +207,17 @@ fn report_remarks(driver: &BoardDriver, names: &Names) {
     let remarks = driver.remarks().iter().map(|remark| (Level::Note, remark));
     for (level, remark) in missing.chain(remarks) {
         let (advice, more) = (remark.advice(), of_components(remark));
-        let card = remark.remote.and_then(|remote| names.card(remote));
-        // With pins, it has a name; else its place is in the remark.
-        let facts: &dyn fmt::Display = if card.is_some() { &remark.kind } else { remark };
-        let (subject, facts) = (
-            card.unwrap_or(name),
-            WithAdvice::new(facts, advice).in_words(words),
-        );
+        let subject = Subject {
+            board: name,
+            remote: remark.remote,
+        };
+        let facts = WithAdvice::new(&remark.kind, advice).in_words(words);
         at_set_up(level, &format_args!("{subject}: {facts}{more}"));
     }
     // A `config=` with more channels than remotes is usual, so this is no error.
-    let silent = silent.into_iter().filter_map(|remark| remark.remote);
+    let silent = silent
+        .into_iter()
+        .filter_map(|remark| Some(remark.remote?.id));
     for (port, channels) in channels_by_port(silent) {
         at_set_up(
             Level::Note,

@@ -26,13 +26,12 @@ impl fmt::Display for RefusedPeriod<'_> {
             ..
         } = self.error
         {
-            let card = remote.and_then(|remote| self.names.card(remote));
             let [watchdog, needed, period] = [watchdog, needed, period].map(Rounded);
             write!(
                 f,
                 "{}: all outputs off: its watchdog bites after {watchdog}, and a thread of {period} needs \
                  {needed}; ",
-                card.unwrap_or(board)
+                self.names.subject(*remote)
             )?;
             f.write_str(if remote.is_some() {
                 "choose a faster thread, or set NVWatchDogTimeout by `mesa param`"

@@ -6,7 +6,7 @@ use core::fmt;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{EventKind, OfflineReason, Repeating};
 use mesa_hal::hal::{Age, Role};
-use mesa_hal::{AdviceTopic, Driver, MesaError, RemoteId};
+use mesa_hal::{AdviceTopic, Driver, MesaError, RemoteLabel};
 
 use crate::advice::words;
 use crate::ffi::Level;
@@ -26,9 +26,7 @@ pub(crate) struct Names {
 /// A card: a remote.
 #[derive(Clone, Debug)]
 struct Card {
-    id: RemoteId,
-    /// `hm2_7i97.0.7i77.0.0`
-    prefix: String,
+    label: RemoteLabel,
     /// Its kind and unit number at the load.
     expected: String,
     has_outputs: bool,
@@ -49,8 +47,7 @@ impl Names {
                     info.map_or_else(String::new, |info| info.name.clone())
                 });
                 cards.push(Card {
-                    id: RemoteId::new(port.layout().instance, is.channel.index()),
-                    prefix: remote.pins.prefix.clone(),
+                    label: remote.label,
                     expected: format!("{} (unit 0x{:08X})", is.name, is.unit_number),
                     has_outputs: own.any(|info| info.role == Role::Output),
                     parameters: parameters.collect(),
@@ -69,9 +66,10 @@ impl Names {
         &self.board
     }
 
-    /// The name of a remote in HAL, if it has pins.
-    pub fn card(&self, id: RemoteId) -> Option<&str> {
-        Some(&self.find(id)?.prefix)
+    /// A remote by its name in HAL, or the board.
+    pub fn subject(&self, remote: Option<RemoteLabel>) -> Subject<'_> {
+        let board = &self.board;
+        Subject { board, remote }
     }
 
     /// Text for a card that is offline, or for a card or the board whose outputs wait for the user,
@@ -81,11 +79,12 @@ impl Names {
             return waits.then_some(LeftOff::OfBoard(&self.board));
         }
         let card = self.cards.get(number)?;
+        let subject = self.subject(Some(card.label));
         if is_offline {
-            Some(LeftOff::Offline(&card.prefix))
+            Some(LeftOff::Offline(subject))
         } else {
             let waits = waits && card.has_outputs;
-            waits.then_some(LeftOff::Waiting(&card.prefix))
+            waits.then_some(LeftOff::Waiting(subject))
         }
     }
 
@@ -95,13 +94,32 @@ impl Names {
         LeftOff::Board(Acknowledge { board, flags })
     }
 
-    fn find(&self, id: RemoteId) -> Option<&Card> {
-        self.cards.iter().find(|card| card.id == id)
+    fn find(&self, remote: RemoteLabel) -> Option<&Card> {
+        self.cards.get(self.number(remote)?)
     }
 
     /// Number of a remote in the order of ports and channels.
-    pub fn number(&self, id: RemoteId) -> Option<usize> {
-        self.cards.iter().position(|card| card.id == id)
+    pub fn number(&self, remote: RemoteLabel) -> Option<usize> {
+        self.cards.iter().position(|card| card.label == remote)
+    }
+}
+
+/// The subject of a message: a board, or a remote of it by its name in HAL, `hm2_7i97.0.7i77.0.0`.
+#[derive(Clone, Copy)]
+pub(crate) struct Subject<'a> {
+    pub board: &'a str,
+    pub remote: Option<RemoteLabel>,
+}
+
+impl fmt::Display for Subject<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.board)?;
+        match self.remote {
+            Some(remote) if remote.name.is_some() => write!(f, ".{remote}"),
+            // The place of what has no pins.
+            Some(remote) => write!(f, ", {remote}"),
+            None => Ok(()),
+        }
     }
 }
 
@@ -139,8 +157,8 @@ impl fmt::Display for Acknowledge<'_> {
 
 /// Outputs that stay off although the machine is on.
 pub(crate) enum LeftOff<'a> {
-    Offline(&'a str),
-    Waiting(&'a str),
+    Offline(Subject<'a>),
+    Waiting(Subject<'a>),
     OfBoard(&'a str),
     Board(Acknowledge<'a>),
 }
@@ -148,14 +166,14 @@ pub(crate) enum LeftOff<'a> {
 impl fmt::Display for LeftOff<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Offline(prefix) => write!(
+            Self::Offline(card) => write!(
                 f,
-                "{prefix}: the machine is on, and this card is offline: its inputs are not valid, its outputs \
+                "{card}: the machine is on, and this card is offline: its inputs are not valid, its outputs \
                  are off"
             ),
-            Self::Waiting(prefix) => write!(
+            Self::Waiting(card) => write!(
                 f,
-                "{prefix}: the machine is on, and the outputs of this card are off; set {prefix}.rearm to \
+                "{card}: the machine is on, and the outputs of this card are off; set {card}.rearm to \
                  FALSE and TRUE to go on"
             ),
             Self::OfBoard(board) => write!(
@@ -262,6 +280,10 @@ impl Report<'_> {
         self.names.find(self.kind.remote()?)
     }
 
+    fn subject(&self) -> Subject<'_> {
+        self.names.subject(self.kind.remote())
+    }
+
     fn acknowledge(&self) -> Acknowledge<'_> {
         Acknowledge {
             board: &self.names.board,
@@ -298,10 +320,8 @@ impl Report<'_> {
 
     /// What lets the outputs of a card follow again.
     fn rearm(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Some(card) = self.card() else {
-            return Ok(());
-        };
-        write!(f, "set {}.rearm to FALSE and TRUE to go on", card.prefix)
+        let card = self.subject();
+        write!(f, "set {card}.rearm to FALSE and TRUE to go on")
     }
 
     fn card_back(&self, f: &mut fmt::Formatter<'_>, text: &str) -> fmt::Result {
@@ -323,7 +343,7 @@ impl Report<'_> {
 
     fn reason(&self, f: &mut fmt::Formatter<'_>, reason: OfflineReason) -> fmt::Result {
         let expected = self.card().map_or("another card", |card| &card.expected);
-        let port = self.kind.remote().map_or(0, |remote| remote.port);
+        let port = self.kind.remote().map_or(0, |remote| remote.id.port);
         match reason {
             OfflineReason::TooManyFailures(failure) => {
                 write!(f, "{failure}")?;
@@ -411,11 +431,7 @@ const fn needs_a_hand(reason: OfflineReason) -> bool {
 impl fmt::Display for Report<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let board = &self.names.board;
-        match (self.card(), self.kind.remote()) {
-            (Some(card), _) => f.write_str(&card.prefix)?,
-            (None, Some(remote)) => write!(f, "{board}, {remote}")?,
-            (None, None) => f.write_str(board)?,
-        }
+        write!(f, "{}", self.subject())?;
         match self.kind {
             EventKind::StepRateLimited { generator, .. }
             | EventKind::StepTimeClipped { generator, .. }
@@ -447,7 +463,7 @@ impl fmt::Display for Report<'_> {
                 let parameters = self.card().map(|card| &card.parameters);
                 let name = parameters.and_then(|all| all.get(parameter as usize));
                 let name = name.map_or("a parameter", |name| name);
-                let port = self.kind.remote().map_or(0, |remote| remote.port);
+                let port = self.kind.remote().map_or(0, |remote| remote.id.port);
                 write!(
                     f,
                     "{name} was not written: no good reply, or the card does not keep the value; check the \

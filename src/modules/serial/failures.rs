@@ -3,8 +3,7 @@
 use super::life::ChangeContext;
 use crate::bus::Instant;
 use crate::events::{EventKind, EventRow, Repeating};
-use crate::hostmot2::RemoteId;
-use crate::sslbp::Failure;
+use crate::sslbp::{Failure, RemoteLabel};
 
 /// Failed transfers of a remote.
 #[derive(Clone, Copy, Debug, Default)]
@@ -39,7 +38,7 @@ impl Failures {
     pub fn count_failed(
         &mut self,
         at: ChangeContext<'_>,
-        remote: RemoteId,
+        remote: RemoteLabel,
         own: Option<Failure>,
     ) -> u32 {
         if let Some(failure) = own {
@@ -55,7 +54,7 @@ impl Failures {
     }
 
     /// Counts a good transfer.
-    pub fn count_good(&mut self, at: ChangeContext<'_>, remote: RemoteId) {
+    pub fn count_good(&mut self, at: ChangeContext<'_>, remote: RemoteLabel) {
         self.has_just_failed = false;
         self.count = self.count.saturating_sub(at.policy.fault_dec);
         let what = Repeating::FailedTransfers { remote };
@@ -64,7 +63,7 @@ impl Failures {
 
     /// Ends the row of failed transfers, and reports the number of those without an event of their
     /// own.
-    pub fn end_row(&mut self, at: ChangeContext<'_>, remote: RemoteId) {
+    pub fn end_row(&mut self, at: ChangeContext<'_>, remote: RemoteLabel) {
         let what = Repeating::FailedTransfers { remote };
         self.row.end(at.events, at.now, what);
     }

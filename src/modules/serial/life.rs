@@ -6,10 +6,9 @@ use core::time::Duration;
 use super::RemoteWatchdog;
 use crate::bus::Instant;
 use crate::events::{EventKind, EventSink, OfflineReason};
-use crate::hostmot2::RemoteId;
 use crate::packed::packed_enum;
 use crate::settings::FaultPolicy;
-use crate::sslbp::RemoteFaults;
+use crate::sslbp::{RemoteFaults, RemoteLabel};
 use crate::tally::Tally;
 
 /// Good transfers after which a remote counts as healthy again.
@@ -436,8 +435,8 @@ impl Life {
 }
 
 impl LifeEvent {
-    /// The event of the remote at this address.
-    pub const fn of(self, remote: RemoteId) -> EventKind {
+    /// The event of this remote.
+    pub const fn of(self, remote: RemoteLabel) -> EventKind {
         match self {
             Self::Offline(reason) => EventKind::RemoteOffline { remote, reason },
             Self::StaysOffline(reason) => EventKind::RemoteStaysOffline { remote, reason },

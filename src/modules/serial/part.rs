@@ -4,7 +4,7 @@ use super::RemoteWatchdog;
 use crate::discovery::RemoteDescriptor;
 use crate::events::OfflineReason;
 use crate::remote::RemotePins;
-use crate::sslbp::StartedRemote;
+use crate::sslbp::{RemoteLabel, StartedRemote};
 
 /// A remote that takes part: as found, whether it runs or not, or, while absent, as described by
 /// its table.
@@ -24,6 +24,11 @@ pub struct RemotePart {
 }
 
 impl RemotePart {
+    /// The address and the name of the remote, in texts as `7i77.0.1`.
+    pub fn label(&self) -> RemoteLabel {
+        self.pins.label
+    }
+
     /// The remote's own watchdog: the time for which its outputs stay on without process data.
     pub fn watchdog(&self) -> RemoteWatchdog {
         RemoteWatchdog::of(&self.pins)

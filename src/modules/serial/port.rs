@@ -18,7 +18,6 @@ use crate::bus::{ImagePlan, Instant, Phase, ReadSlot, Words, WriteSlot};
 use crate::events::OfflineReason;
 use crate::fraction::Fraction;
 use crate::hal::{ArmingCondition, ArmingEvent, GroupId, PinStore};
-use crate::hostmot2::RemoteId;
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::remote::ParameterWrite;
 use crate::settings::FaultPolicy;
@@ -58,11 +57,12 @@ fn register_remote(
     r: &mut Registrar<'_>,
     found: RemotePart,
     registers: ChannelRegisters,
-    (id, at): (RemoteId, Instant),
+    at: Instant,
     policy: &FaultPolicy,
 ) -> Result<Remote, RegisterError> {
     let (started, watchdog, offline) = (found.started, found.watchdog(), found.offline);
-    let slot = RemoteSlot::register(r.image, r.pins, r.status, found, registers, (id, at))?;
+    let label = found.pins.label;
+    let slot = RemoteSlot::register(r.image, r.pins, r.status, found, registers, at)?;
     let mut remote = Remote::new(started, watchdog, slot, policy);
     if let Some(reason) = offline {
         let (now, events) = (at, r.events);
@@ -75,7 +75,7 @@ fn register_remote(
             reason,
         );
         if let Some(event) = change.event.filter(|_| reason != OfflineReason::Absent) {
-            r.events.report(at, event.of(id));
+            r.events.report(at, event.of(label));
         }
     }
     Ok(remote)
@@ -154,8 +154,7 @@ impl SerialPort {
             if found.offline.is_some() {
                 port.machine.set_sizes(&found.started);
             }
-            let id = RemoteId::new(layout.instance, channel.index());
-            all.push(register_remote(r, found, registers, (id, at), &policy)?);
+            all.push(register_remote(r, found, registers, at, &policy)?);
         }
         let pins = PortPins::register(r, layout.instance)?;
         let mut schedule = Schedule::new(parameters, &policy, at);
@@ -347,7 +346,7 @@ impl SerialPort {
     pub(crate) fn end_rows(&mut self, now: Instant) {
         let all = self.remotes.configured();
         self.remotes.change(all, now, |remote, at| {
-            remote.failures.end_row(at, remote.id());
+            remote.failures.end_row(at, remote.label());
             LifeChange::default()
         });
     }

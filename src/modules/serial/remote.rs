@@ -10,9 +10,10 @@ use super::{RemoteStatus, RemoteWatchdog};
 use crate::bus::Instant;
 use crate::events::OfflineReason;
 use crate::fraction::Fraction;
-use crate::hostmot2::RemoteId;
 use crate::settings::FaultPolicy;
-use crate::sslbp::{Channel, ChannelLink, RemoteFaults, RemoteIdentity, RemoteName, StartedRemote};
+use crate::sslbp::{
+    Channel, ChannelLink, RemoteFaults, RemoteIdentity, RemoteLabel, RemoteName, StartedRemote,
+};
 
 /// A remote of a port.
 #[derive(Debug)]
@@ -44,8 +45,8 @@ impl Remote {
         }
     }
 
-    pub const fn id(&self) -> RemoteId {
-        self.slot.id
+    pub const fn label(&self) -> RemoteLabel {
+        self.slot.pins.label
     }
 
     pub const fn channel(&self) -> Channel {
@@ -93,7 +94,7 @@ impl Remote {
     /// soon as its outputs must be off.
     pub fn ask_for_restart(&mut self, at: ChangeContext<'_>) -> LifeChange {
         if self.life.is_running() {
-            self.failures.end_row(at, self.id());
+            self.failures.end_row(at, self.label());
         }
         self.life.ask_for_restart(at)
     }
@@ -110,7 +111,7 @@ impl Remote {
         let outputs = &mut self.slot.outputs_state;
         outputs.silent(reason, self.watchdog, bitten);
         if self.life.is_running() {
-            self.failures.end_row(at, self.id());
+            self.failures.end_row(at, self.label());
         }
     }
 
@@ -177,7 +178,7 @@ impl Remote {
     /// The current state, for the application.
     pub fn status<'a>(&'a self, link: &'a ChannelLink) -> RemoteStatus<'a> {
         RemoteStatus {
-            id: self.id(),
+            label: self.label(),
             started: &self.started,
             descriptor: &self.slot.descriptor,
             pins: &self.slot.pins,

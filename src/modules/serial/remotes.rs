@@ -69,7 +69,7 @@ impl Remotes {
                 has_new_fault,
             } = change(remote, at);
             if let Some(event) = event {
-                events.report(now, event.of(remote.id()));
+                events.report(now, event.of(remote.label()));
             }
             if has_new_fault {
                 new_faults = new_faults.union(channel.mask());

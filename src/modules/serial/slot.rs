@@ -11,7 +11,6 @@ use crate::bus::{ImagePlan, Instant, Phase, ReadSlot, Setting, WriteSlot};
 use crate::discovery::RemoteDescriptor;
 use crate::events::{EventKind, EventSink};
 use crate::hal::{ArmingEvent, GroupId, PinError, PinStore};
-use crate::hostmot2::RemoteId;
 use crate::modules::{ReadCycle, WriteCycle};
 use crate::remote::RemotePins;
 use crate::sslbp::{
@@ -25,7 +24,6 @@ const REGISTERS: usize = MAX_INTERFACE_REGISTERS as usize;
 /// The registers and pins of a remote.
 #[derive(Debug)]
 pub(super) struct RemoteSlot {
-    pub id: RemoteId,
     pub channel: Channel,
     pub descriptor: RemoteDescriptor,
     pub pins: RemotePins,
@@ -71,7 +69,7 @@ impl RemoteSlot {
         status: GroupId,
         found: RemotePart,
         registers: ChannelRegisters,
-        (id, started_at): (RemoteId, Instant),
+        started_at: Instant,
     ) -> Result<Self, PinError> {
         let started = found.started;
         let inputs = registers.interfaces_for(started.input_bytes());
@@ -87,7 +85,6 @@ impl RemoteSlot {
             pins.fault(found.pins.group);
         }
         Ok(Self {
-            id,
             channel: started.channel,
             fault_pins: RemoteFaultPins::new(pins, status, &found.pins.prefix)?,
             descriptor: found.descriptor,
@@ -196,7 +193,12 @@ impl RemoteSlot {
         now: Instant,
     ) {
         if pins.change_arming_of(self.pins.group, event) {
-            events.report(now, EventKind::RemoteRearmCancelled { remote: self.id });
+            events.report(
+                now,
+                EventKind::RemoteRearmCancelled {
+                    remote: self.pins.label,
+                },
+            );
         }
     }
 

@@ -3,9 +3,8 @@
 use super::{FailureCounts, RemoteState, RemoteWatchdog};
 use crate::discovery::RemoteDescriptor;
 use crate::events::OfflineReason;
-use crate::hostmot2::RemoteId;
 use crate::remote::RemotePins;
-use crate::sslbp::{RemoteFaults, StartedRemote};
+use crate::sslbp::{RemoteFaults, RemoteLabel, StartedRemote};
 
 /// Current state of a remote.
 ///
@@ -15,9 +14,9 @@ use crate::sslbp::{RemoteFaults, StartedRemote};
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct RemoteStatus<'a> {
-    /// The address of the remote.
+    /// The address and the name of the remote, in texts as `7i77.0.1`.
     #[cfg_attr(feature = "serde", serde(flatten))]
-    pub id: RemoteId,
+    pub label: RemoteLabel,
     /// The identity that START reported; for a remote that was absent at the start and has not been
     /// plugged in yet, the expected one.
     pub started: &'a StartedRemote,

@@ -224,8 +224,8 @@ fn same(driver: &Driver<SimFpga>, seen: &Snapshot) {
     let remotes: Vec<_> = remotes(driver).collect();
     assert_eq!(remotes.len(), seen.remotes().count());
     for (is, seen) in remotes.into_iter().zip(seen.remotes()) {
-        assert_eq!(seen.id.channel, is.started.channel.index());
-        assert_eq!((seen.name, seen.group), (is.started.name, is.pins.group));
+        assert_eq!(seen.label.id.channel, is.started.channel.index());
+        assert_eq!((seen.label, seen.group), (is.label, is.pins.group));
         assert_eq!((seen.state, seen.faults), (is.state, is.faults));
         assert_eq!(seen.first_fault, is.first_fault);
         let counts = (seen.transfers, seen.failures, seen.restarts);

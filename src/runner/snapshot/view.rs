@@ -1,6 +1,5 @@
 //! Contents of a snapshot.
 
-use crate::hostmot2::RemoteId;
 use alloc::sync::Arc;
 use alloc::vec::Vec;
 use core::fmt;
@@ -16,7 +15,7 @@ use crate::hal::{
 };
 use crate::packed::Packed;
 use crate::runner::RunStatistics;
-use crate::sslbp::{RemoteFaults, RemoteName};
+use crate::sslbp::{RemoteFaults, RemoteLabel};
 
 /// All values that the cycle published, of the same time: after the write of a cycle.
 ///
@@ -39,11 +38,9 @@ pub struct Snapshot {
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct RemoteSnapshot {
-    /// Its address.
+    /// Its address and its name, in texts as `7i77.0.1`.
     #[cfg_attr(feature = "serde", serde(flatten))]
-    pub id: RemoteId,
-    /// Its name at the start.
-    pub name: RemoteName,
+    pub label: RemoteLabel,
     /// The group of its pins.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub group: GroupId,
@@ -248,9 +245,8 @@ impl Snapshot {
     pub fn remotes(&self) -> impl Iterator<Item = RemoteSnapshot> + '_ {
         let mut words = self.words_from(self.shared.layout.remotes_at);
         let places = self.shared.layout.places.iter();
-        places.map(move |&(id, name, group)| RemoteSnapshot {
-            id,
-            name,
+        places.map(move |&(label, group)| RemoteSnapshot {
+            label,
             group,
             since: next(&mut words),
             state: RemoteState::unpack(&mut words).unwrap_or(RemoteState::Running),

@@ -104,7 +104,8 @@ impl Application {
     }
 
     /// The number of a remote.
-    pub fn number(&self, id: RemoteId) -> Option<usize> {
+    pub fn number(&self, id: impl Into<RemoteId>) -> Option<usize> {
+        let id = id.into();
         let at = |remote: &&Remote| remote.id() == id;
         self.remotes.iter().find(at).map(|remote| remote.number)
     }

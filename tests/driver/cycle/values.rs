@@ -112,6 +112,7 @@ fn wait_for_transfers_ends_at_its_limit() {
 
 #[test]
 fn serial_ports_and_channels_that_do_not_exist_are_refused() {
+    use mesa_hal::RemoteId;
     use mesa_hal::driver::{DriverError, RemoteConfig, SerialConfig};
     use mesa_hal_sim::machines;
 
@@ -131,7 +132,7 @@ fn serial_ports_and_channels_that_do_not_exist_are_refused() {
             channels: [(channel, RemoteConfig::default())].into(),
         };
         let error = build(0, config).expect_err("channels are 0 to 7");
-        let is_it = matches!(error, DriverError::Missing(ref missing) if missing.remote == Some((0, channel).into()));
+        let is_it = matches!(error, DriverError::Missing(ref missing) if missing.remote == Some(RemoteId::new(0, channel).into()));
         assert!(is_it, "channel {channel}: {error}");
     }
 }

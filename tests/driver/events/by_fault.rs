@@ -113,7 +113,10 @@ impl<B: World> Story<B> {
         let safe = |mask: EventMask| self.told.iter().any(|told| mask.contains(told.mask()));
         let board = EventMask::OUTPUTS_SAFE - EventMask::REMOTE_OFFLINE;
         let are_on = [FIELD, ANALOG, OUTPUTS].map(|channel| {
-            let is_its = |told: &&EventKind| told.remote() == Some((0, channel as u8).into());
+            let is_its = |told: &&EventKind| {
+                told.remote()
+                    .is_some_and(|remote| remote == RemoteId::new(0, channel as u8))
+            };
             let mut its = self.told.iter().filter(is_its);
             !safe(board) && its.all(|told| told.mask() != EventMask::REMOTE_OFFLINE)
         });
@@ -340,7 +343,8 @@ fn port_switched_off_and_on_has_events_for_each_remote() {
         let told = std::mem::take(&mut story.told);
         told.iter().map(ToString::to_string).collect::<Vec<_>>()
     };
-    let each = |what: &str| [0, 1, 2].map(|channel| format!("port 0, channel {channel}: {what}"));
+    let each =
+        |what: &str| ["7i77.0.0", "7i77.0.1", "7i72.0.2"].map(|card| format!("{card}: {what}"));
     let off = each("card offline, outputs off until re-armed: the port is switched off");
     assert_eq!(switch(&mut story, false), off);
     assert_eq!(story.on(), [false; 3]);
@@ -378,7 +382,7 @@ fn failures_not_reported_singly_are_an_event_at_driver_stop() {
     let [told] = &told[..] else {
         panic!("{told:?}");
     };
-    let said = "port 0, channel 1: 2 failed transfers within 0.02";
+    let said = "7i77.0.1: 2 failed transfers within 0.02";
     assert!(told.starts_with(said), "{told}");
 }
 

@@ -4,11 +4,12 @@ use std::time::Duration;
 
 use crate::common::machine::{ANALOG, FIELD, FieldRemote, Machine, OUTPUTS, World, fpga, start};
 use crate::remotes::optional::shop_and_its_valves;
-use mesa_hal::RemoteId;
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::{EventKind, Events, Failure, OfflineReason, Positions, Repeating};
 use mesa_hal::hal::Pins;
+use mesa_hal::sslbp::RemoteName;
 use mesa_hal::transport::{Fault, Faulty};
+use mesa_hal::{RemoteId, RemoteLabel};
 use mesa_hal_sim::devices::Outputs48;
 use mesa_hal_sim::remote::{Cable, Toward, WireFault};
 use mesa_hal_sim::{FaultKind, SimFpga};
@@ -78,29 +79,37 @@ impl<B: World> Rig<B> {
     }
 }
 
+const fn label(channel: usize) -> RemoteLabel {
+    let name = if channel == OUTPUTS { b"7I72" } else { b"7I77" };
+    RemoteLabel {
+        id: RemoteId::new(0, channel as u8),
+        name: Some(RemoteName(*name)),
+    }
+}
+
 const fn failed(channel: usize, failure: Failure) -> EventKind {
     EventKind::TransferFailed {
-        remote: RemoteId::new(0, channel as u8),
+        remote: label(channel),
         failure,
     }
 }
 
 const fn offline(channel: usize, reason: OfflineReason) -> EventKind {
     EventKind::RemoteOffline {
-        remote: RemoteId::new(0, channel as u8),
+        remote: label(channel),
         reason,
     }
 }
 
 const fn back(channel: usize) -> EventKind {
     EventKind::RemoteBack {
-        remote: RemoteId::new(0, channel as u8),
+        remote: label(channel),
     }
 }
 
 const fn rearmed(channel: usize) -> EventKind {
     EventKind::RemoteRearmed {
-        remote: RemoteId::new(0, channel as u8),
+        remote: label(channel),
     }
 }
 
@@ -142,17 +151,14 @@ fn run_of_failures_is_one_event_until_10_s_after_its_last() {
                 panic!("{fault:?}: it is over");
             };
             let of_three = matches!(over, EventKind::Repeated { count: 3, .. });
-            assert!(
-                of_three && over.remote() == Some((0, channel as u8).into()),
-                "{over}"
-            );
+            assert!(of_three && over.remote() == Some(label(channel)), "{over}");
             rig.now();
             rig.machine.cable(channel).inject(Toward::Fpga, fault, 1);
             let again = rig.after(30);
             let [(2, EventKind::TransferFailed { remote, .. })] = again[..] else {
                 panic!("{fault:?}: {again:?}");
             };
-            assert_eq!(usize::from(remote.channel), channel);
+            assert_eq!(usize::from(remote.id.channel), channel);
         }
     }
 }
@@ -189,7 +195,7 @@ fn reconnected_remote_has_an_event_for_each_change_of_state() {
     else {
         panic!("{told:?}");
     };
-    assert_eq!(usize::from(remote.channel), ANALOG);
+    assert_eq!(usize::from(remote.id.channel), ANALOG);
     assert!(matches!(still, OfflineReason::DidNotStart(_)), "{still}");
     assert_eq!(
         rig.first_fault(ANALOG),
@@ -243,7 +249,7 @@ fn swapped_card_has_a_failure_event_then_one_with_the_new_card() {
     let told = rig.after(3000);
     let kinds: Vec<_> = told.iter().map(|(_, kind)| *kind).collect();
     let went = kinds.iter().filter(
-        |kind| matches!(kind, EventKind::RemoteOffline { remote, .. } if usize::from(remote.channel) == FIELD),
+        |kind| matches!(kind, EventKind::RemoteOffline { remote, .. } if usize::from(remote.id.channel) == FIELD),
     );
     assert_eq!(went.count(), 1, "{told:?}");
     let [.., EventKind::RemoteStaysOffline { reason, .. }] = kinds[..] else {
@@ -372,7 +378,7 @@ fn optional_remote_plugged_in_later_has_events_for_up_and_back() {
     let mut events = shop.driver.events();
     shop.cycles(1000);
     assert_eq!(events.next(), None, "it is absent as it was at the start");
-    let remote = RemoteId::new(0, OUTPUTS as u8);
+    let remote = shop.status(OUTPUTS).label;
     let _ = shop.fpga().plug(0, OUTPUTS, Some(valves));
     shop.cycles(6000);
     let up: Vec<_> = events.by_ref().map(|event| event.kind).collect();
@@ -382,8 +388,11 @@ fn optional_remote_plugged_in_later_has_events_for_up_and_back() {
     shop.driver.restart(remote);
     shop.cycles(100);
     let kinds: Vec<_> = events.by_ref().map(|event| event.kind).collect();
-    let asked = offline(OUTPUTS, OfflineReason::Requested);
-    assert_eq!(kinds, [ARMED_ONE, rearmed(OUTPUTS), asked, back(OUTPUTS)]);
+    let reason = OfflineReason::Requested;
+    let asked = EventKind::RemoteOffline { remote, reason };
+    let armed = EventKind::RemoteRearmed { remote };
+    let back = EventKind::RemoteBack { remote };
+    assert_eq!(kinds, [ARMED_ONE, armed, asked, back]);
 }
 
 #[test]

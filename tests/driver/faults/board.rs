@@ -361,7 +361,7 @@ fn missing_remote_is_reported_with_its_reason_and_the_rest_runs() {
     let [missing] = driver.missing() else {
         panic!("{:?}", driver.missing());
     };
-    assert_eq!(missing.remote, Some(RemoteId::new(0, 2)));
+    assert_eq!(missing.remote, Some(RemoteId::new(0, 2).into()));
     let text = missing.kind.to_string();
     assert!(
         text.contains("no reply") || text.contains("does not answer"),

@@ -82,7 +82,7 @@ fn bus_that_goes_down_is_no_fault_of_a_remote() {
             if let EventKind::RemoteOffline { remote, reason } = event.kind {
                 let is_blamed = matches!(reason, OfflineReason::TooManyFailures(_));
                 assert!(
-                    !is_blamed || usize::from(remote.channel) == FIELD,
+                    !is_blamed || usize::from(remote.id.channel) == FIELD,
                     "{seed}: {event}"
                 );
             }

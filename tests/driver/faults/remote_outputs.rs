@@ -230,7 +230,7 @@ pub fn named(stopped: Result<(), StopError>, fpga: &SimFpga, what: &str) -> Vec<
     );
     let named: Vec<_> = not_reached
         .iter()
-        .map(|not| usize::from(not.remote.channel))
+        .map(|not| usize::from(not.remote.id.channel))
         .collect();
     for channel in [FIELD, ANALOG, OUTPUTS] {
         let is_off = on_board(fpga, channel).is_empty();

@@ -5,7 +5,7 @@ use crate::common::ethernet::{self, SimLink, cut, good};
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, device, fpga};
 use mesa_hal::driver::{BoardState, EventKind, Events};
 use mesa_hal::hal::{Output, PinError};
-use mesa_hal::{RemoteId, Settings, UdpBus};
+use mesa_hal::{Settings, UdpBus};
 use mesa_hal_sim::devices::{Device, FieldIo, find_mut};
 use mesa_hal_sim::remote::Cable;
 use mesa_hal_sim::wire::RemoteEnd;
@@ -251,8 +251,8 @@ fn remote_failing_again_before_its_arming_stays_unarmed() {
 
 #[test]
 fn other_device_or_new_fault_cancels_and_failed_retry_does_not() {
-    let remote = RemoteId::new(0, 2);
     let mut machine = running();
+    let remote = machine.status(OUTPUTS).label;
     let mut told = events(&machine);
     Trouble::Unplugged(OUTPUTS).begins(&mut machine);
     let group = machine.status(OUTPUTS).pins.group;

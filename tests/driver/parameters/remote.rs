@@ -113,21 +113,21 @@ fn unwritable_parameter_is_refused_with_reason_and_board_starts() {
             0,
             "nvwatchdog",
             50,
-            "port 0, channel 0, parameter nvwatchdog: the remote has no parameter of that \
+            "7i77.0.0, parameter nvwatchdog: the remote has no parameter of that \
              name",
         ),
         (
             0,
             "nvwatchdogtimeout",
             65_536,
-            "port 0, channel 0, parameter nvwatchdogtimeout: 65536 does not fit: allowed is \
+            "7i77.0.0, parameter nvwatchdogtimeout: 65536 does not fit: allowed is \
              0 to 65535",
         ),
         (
             0,
             "swrevision",
             1,
-            "port 0, channel 0, parameter swrevision: the parameter is read-only",
+            "7i77.0.0, parameter swrevision: the parameter is read-only",
         ),
         (
             9,
@@ -284,7 +284,7 @@ fn parameter_write_restores_the_watchdog_and_fails_after_a_bite() {
 
 #[test]
 fn watchdog_that_the_period_can_not_feed_is_not_written() {
-    let text = "port 0, channel 1: the remote's watchdog (NVWatchDogTimeout in ms) bites after 1 ms, \
+    let text = "7i77.0.1: the remote's watchdog (NVWatchDogTimeout in ms) bites after 1 ms, \
                 and is fed once in a period of 1 ms; a write or transfer that is lost must not let it \
                 bite, so it needs 2 x 1 ms = 2 ms";
     let error = write(&mut discovered(fpga()), ANALOG, "NVWatchDogTimeout", 1).unwrap_err();

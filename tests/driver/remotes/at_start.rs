@@ -60,7 +60,7 @@ fn card_without_field_power_is_offline_with_all_its_pins() {
         let [EventKind::RemoteOffline { remote, reason }] = told[..] else {
             panic!("{told:?}");
         };
-        assert_eq!((remote.port, remote.channel), (0, FIELD as u8));
+        assert_eq!(remote.to_string(), "7i77.0.0");
         assert!(matches!(reason, OfflineReason::FieldPower(_)), "{reason}");
         // As a normally-closed switch that is tripped, or off its wire.
         assert_eq!(input(&machine, "7i77.0.0.input-03"), (false, false));

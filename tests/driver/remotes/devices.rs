@@ -213,7 +213,7 @@ fn unsupported_8i20_is_named_and_does_not_disturb_others() {
     let [missing] = driver.missing() else {
         panic!("{:?}", driver.missing());
     };
-    assert_eq!(missing.remote, Some(RemoteId::new(0, 1)));
+    assert_eq!(missing.remote, Some(RemoteId::new(0, 1).into()));
     assert!(matches!(missing.kind, RemarkKind::Tables(_)));
     let text = missing.to_string();
     assert!(
@@ -340,7 +340,7 @@ mode 0 analogout_enables
         "AnalogOut5: place none, by the table 5",
         "SpinEna: place 5, by the table 7",
         ": place 7, by the table none",
-        "port 0, channel 0: this 7I77 differs from the 7I77 analog",
+        "7i77.0.0: this 7I77 differs from the 7I77 analog",
     ] {
         assert!(has(text), "{text}: {remarks:#?}");
     }
@@ -381,7 +381,7 @@ fn silent_channel_is_empty_unless_its_other_card_part_answers() {
     ] {
         let missing = missing(silent);
         let (lost, empty) = missing.split_first().expect("it is missing");
-        assert_eq!(lost.remote, Some(RemoteId::new(0, silent as u8)));
+        assert_eq!(lost.remote, Some(RemoteId::new(0, silent as u8).into()));
         assert!(!lost.is_silent(), "{lost}");
         let text = lost.to_string();
         let says = format!(

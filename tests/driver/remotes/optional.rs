@@ -147,7 +147,7 @@ fn card_of_an_unknown_kind_has_typed_handles() {
     let other = shop.driver.attach::<Valves>((0, FIELD as u8)).unwrap_err();
     assert_eq!(
         other.to_string(),
-        "port 0, channel 0: a 7I77 answers, expected a VLV4"
+        "7i77.0.0: a 7I77 answers, expected a VLV4"
     );
     assert_eq!(other.advice(), Some(advice::CHECK_SWAPPED_CABLES));
     let other = shop.driver.attach::<I7i72>((0, OUTPUTS as u8)).unwrap_err();

@@ -69,7 +69,7 @@ fn remote_description_is_its_own_on_a_duplicating_network() {
             continue;
         };
         // So is a parameter whose record could not be read.
-        found.retain(|(id, _)| !doubtful.contains(id));
+        found.retain(|(id, _)| doubtful.iter().all(|remote| remote != id));
         for (id, descriptor) in &found {
             let is_it =
                 |(other, own): &(RemoteId, RemoteDescriptor)| other == id && own == descriptor;

@@ -55,7 +55,7 @@ fn unreachable_remote_without_watchdog_is_named_after_any_time() {
         let [remote] = &error.not_reached[..] else {
             panic!("{error}");
         };
-        let place = (remote.remote.port, usize::from(remote.remote.channel));
+        let place = (remote.remote.id.port, usize::from(remote.remote.id.channel));
         assert_eq!(place, (0, OUTPUTS), "{error}");
         assert_eq!(remote.watchdog, RemoteWatchdog::Off);
         assert_eq!(error.advice(), Some(advice::SWITCH_OFF_POWER));
@@ -139,12 +139,12 @@ fn bus_that_fails_hides_no_remote() {
     let named: Vec<_> = error
         .not_reached
         .iter()
-        .map(|not| not.remote.channel)
+        .map(|not| not.remote.id.channel)
         .collect();
     assert_eq!(named, [0, 1, 2]);
     let said = error.to_string();
     assert!(
-        said.contains("by its watchdog; the 7I77 on port 0"),
+        said.contains("by its watchdog; 7i77.0.0 was not reached"),
         "{said}"
     );
 }

@@ -228,10 +228,9 @@ pub fn watchdog(whose: &str, time: Option<Duration>, period: Duration) -> Findin
     Finding::good(check, figure)
 }
 
-/// Judges a remote: its state and faults, its field power, its watchdog. `place` names its place.
-pub fn remote(place: &str, status: &RemoteStatus<'_>, period: Duration) -> [Finding; 3] {
-    let name = &status.descriptor.name;
-    let place = format!("{place}, {name}");
+/// Judges a remote: its state and faults, its field power, its watchdog.
+pub fn remote(status: &RemoteStatus<'_>, period: Duration) -> [Finding; 3] {
+    let place = status.label.to_string();
     let mut records = status.descriptor.process_data.iter();
     let is_measured = records.any(|record| record.is_named("FieldVoltage"));
     let unmeasured = (!is_measured).then(|| unmeasured(status.descriptor));
@@ -343,7 +342,7 @@ fn lacks_field_power(remark: &Remark) -> bool {
     let low = RemoteFaults::LOW_VOLTAGE;
     matches!(
         remark.kind,
-        RemarkKind::Offline { reason: OfflineReason::FieldPower(faults), .. } if faults.contains(low)
+        RemarkKind::Offline { reason: OfflineReason::FieldPower(faults) } if faults.contains(low)
     )
 }
 
@@ -538,7 +537,7 @@ mod tests {
 
     #[test]
     fn remote_without_power_or_with_a_fault_is_bad() {
-        let place = "port 0, channel 0";
+        let place = "7i77.0.0";
         let unmeasured = || Some(("not measured", String::from("measure it")));
         assert_eq!(
             field_power(place, RemoteFaults::empty(), None).verdict,

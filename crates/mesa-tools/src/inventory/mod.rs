@@ -16,11 +16,12 @@ pub use take::take;
 use core::fmt;
 
 use crate::Counted;
-use mesa_hal::RemoteId;
+use mesa_hal::RemoteLabel;
 use mesa_hal::driver::RemoteWatchdog;
 use mesa_hal::ethernet::{Counters, EthernetBoard, EthernetError, Identity, Lbp16Board};
 use mesa_hal::ethernet::{LedMode, LedTime};
 use mesa_hal::lbp16::Space;
+use mesa_hal::sslbp::RemoteName;
 
 /// A board and everything on it.
 #[derive(Clone, Debug, PartialEq)]
@@ -186,7 +187,7 @@ pub enum ChannelContent {
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct InventoryRemote {
     /// Name of the remote: `7I77`.
-    pub name: String,
+    pub name: RemoteName,
     /// Title of the known card part that the remote matches: `7I77 field I/O`.
     pub known_as: Option<&'static str>,
     /// Unit number, which is on the card's label.
@@ -379,13 +380,14 @@ impl InventoryRemote {
 }
 
 impl Inventory {
-    /// The remotes, with their places.
-    pub fn remotes(&self) -> impl Iterator<Item = (RemoteId, &InventoryRemote)> {
+    /// The remotes.
+    pub fn remotes(&self) -> impl Iterator<Item = (RemoteLabel, &InventoryRemote)> {
         self.serial_ports.iter().flat_map(|port| {
             let channels = port.channels.iter();
             channels.filter_map(|channel| match &channel.found {
                 ChannelContent::Remote(remote) => {
-                    Some((RemoteId::new(port.port, channel.channel), &**remote))
+                    let label = RemoteLabel::new((port.port, channel.channel), remote.name);
+                    Some((label, &**remote))
                 }
                 ChannelContent::NotStarted(_) => None,
             })
@@ -398,8 +400,7 @@ impl Inventory {
         findings.extend(self.ethernet.iter().flat_map(InventoryEthernet::findings));
         let warnings = self.firmware.warnings.iter();
         findings.extend(warnings.map(|warning| format!("the firmware: {warning}")));
-        for (id, remote) in self.remotes() {
-            let place = format!("{id}, {}", remote.name);
+        for (label, remote) in self.remotes() {
             // In a remote that is not driven the watchdog has always bitten.
             let faults = remote
                 .faults
@@ -412,14 +413,14 @@ impl Inventory {
             findings.extend(
                 remote
                     .slow_watchdog()
-                    .map(|text| format!("{place}: {text}")),
+                    .map(|text| format!("{label}: {text}")),
             );
             let texts = faults.chain(&remote.problems).chain(&remote.differences);
             findings.extend(
                 texts
                     .cloned()
                     .chain(unread)
-                    .map(|text| format!("{place}: {text}")),
+                    .map(|text| format!("{label}: {text}")),
             );
         }
         self.findings = findings;

@@ -44,7 +44,7 @@ pub(super) fn take_remote<B: RegisterBus + Clock>(
     let process_data = descriptor.process_data.iter();
     let differences = table.map(|table| table.differences(&descriptor));
     InventoryRemote {
-        name: descriptor.name.to_string(),
+        name: descriptor.name,
         known_as: table.map(|table| table.title),
         unit_number: descriptor.unit_number,
         in_setup_position: false,

@@ -294,7 +294,7 @@ fn take_remotes<B: RegisterBus + Clock>(
     }
     let odd = odd
         .into_iter()
-        .map(|(line, odd)| format!("port {number}, channel {}: {odd}", line.index()));
+        .map(|(line, odd)| format!("{}: {odd}", RemoteId::new(number, line.index())));
     let findings = old.into_iter().chain(odd).collect();
     let port = InventoryPort {
         port: number,

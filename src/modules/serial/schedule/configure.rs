@@ -121,7 +121,7 @@ impl Schedule {
 /// Reports a parameter that was not written.
 fn report_failure(remotes: &Remotes, now: Instant, write: &ParameterWrite) {
     if let Some(remote) = remotes.get(write.channel) {
-        let (remote, parameter) = (remote.id(), write.parameter.into());
+        let (remote, parameter) = (remote.label(), write.parameter.into());
         let kind = EventKind::ParameterNotWritten { remote, parameter };
         remotes.events().report(now, kind);
     }

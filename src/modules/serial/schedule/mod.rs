@@ -288,7 +288,7 @@ impl Schedule {
         let new_faults = remotes.change(all, now, |remote, at| {
             let (channel, mask) = (remote.channel(), remote.channel().mask());
             if complete.good.contains(channel) {
-                remote.failures.count_good(at, remote.id());
+                remote.failures.count_good(at, remote.label());
             }
             if !complete.bad.contains(channel) {
                 return LifeChange::default();
@@ -333,7 +333,7 @@ impl Schedule {
         } else {
             (None, OfflineReason::BoardDown)
         };
-        let count = remote.failures.count_failed(at, remote.id(), own);
+        let count = remote.failures.count_failed(at, remote.label(), own);
         (count >= at.policy.fault_lim).then_some(reason)
     }
 

@@ -328,7 +328,7 @@ fn generator_that_is_stopped_is_an_error_with_its_name() {
     };
     let expected = mesa_hal::sslbp::RemoteIdentity::default();
     let reason = OfflineReason::AnotherDevice { found, expected };
-    let remote = mesa_hal::RemoteId::new(0, 0);
+    let remote = mesa_hal::RemoteLabel::new((0, 0), mesa_hal::sslbp::RemoteName(*b"7I77"));
     let (level, text) = say(EventKind::RemoteStaysOffline { remote, reason });
     assert_eq!(level, Some(Level::Error));
     assert!(
@@ -348,7 +348,7 @@ fn error_fits_on_the_operators_screen() {
     use mesa_hal::sslbp::{CsStatus, Failure, ProcessDataSizes, RemoteFaults};
 
     let bench = Bench::new();
-    let remote = mesa_hal::RemoteId::new(0, 0);
+    let remote = mesa_hal::RemoteLabel::new((0, 0), mesa_hal::sslbp::RemoteName(*b"7I77"));
     let sizes = ProcessDataSizes::default();
     let [found, expected] = [u32::MAX; 2];
     let all = u32::MAX;

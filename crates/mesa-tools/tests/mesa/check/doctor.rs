@@ -86,7 +86,7 @@ fn machine_is_checked_with_consent_and_ends_with_outputs_off() {
     let (_, watchdog) = finding(&found, "board: watchdog against period");
     assert_eq!(watchdog, "50 ms, period 10 ms");
     assert_eq!(
-        finding(&found, "channel 0, 7I77: field power"),
+        finding(&found, "7i77.0.0: field power"),
         ("unknown", "not measured in this software mode")
     );
     let (_, kernel) = finding(&found, "kernel");
@@ -172,11 +172,11 @@ fn software_mode_that_measures_field_power_is_used_and_rated() {
     ];
     let (_, found, _) = diagnosis(&[&machine[..], &["--mode", "0.0=2"]].concat());
     assert_eq!(
-        finding(&found, "channel 0, 7I77: field power"),
+        finding(&found, "7i77.0.0: field power"),
         ("ok", "measured, and no fault reported")
     );
     assert_eq!(
-        finding(&found, "channel 1, 7I77: field power"),
+        finding(&found, "7i77.0.1: field power"),
         ("unknown", "not measured by this part of the card")
     );
 }
@@ -194,17 +194,17 @@ fn field_power_that_is_not_measured_has_the_advice_of_its_card() {
         SLOW,
     ];
     let (_, found, _) = diagnosis(&machine);
-    for (channel, expected) in [
+    for (card, expected) in [
         (
-            "channel 0, 7I72",
+            "7i72.0.0",
             "in software mode 1: `mesa pins fieldvoltage --mode PORT.CHANNEL=1`",
         ),
-        ("channel 1, 7I64", "measure it at its terminals"),
+        ("7i64.0.1", "measure it at its terminals"),
     ] {
         let findings = found["findings"].as_array().expect("findings");
         let of_card = findings.iter().find(|one| {
             let check = one["check"].as_str().expect("a check");
-            check.contains(channel) && check.ends_with("field power")
+            check.contains(card) && check.ends_with("field power")
         });
         let advice = of_card.expect("field power")["advice"]
             .as_str()
@@ -323,7 +323,7 @@ fn passive_starts_nothing_and_reads_the_files_of_the_computer() {
     assert!(findings.iter().all(|one| {
         !one["check"]
             .as_str()
-            .is_some_and(|name| name.contains("channel"))
+            .is_some_and(|name| name.contains("field power"))
     }));
     let text = done(&[&["doctor"], &passive[..]].concat());
     assert!(

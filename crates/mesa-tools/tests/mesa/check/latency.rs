@@ -176,7 +176,7 @@ fn lost_packets_are_named_and_a_mode_is_started() {
     let said = child.child().stderr.take().expect("standard error");
     let mut lines = BufReader::new(said).lines().map_while(Result::ok);
     lines
-        .find(|line| line.contains("channel 0: 7I77"))
+        .find(|line| line.contains(": 7i77.0.0"))
         .expect("it is started");
     board.wait_for_packets(20);
     assert_eq!(board.console.show("all")["remote.0.mode"], "3");
@@ -227,7 +227,7 @@ fn remote_offline_in_a_run_is_reported_and_no_rate_is_rated() {
             assert_eq!(offline["place"], "0.0", "{value:#}");
             assert_eq!(offline["is_back"], false, "{value:#}");
         } else {
-            assert!(ended.out.contains("7I77 on 0.0 is OFFLINE: "), "{ended:?}");
+            assert!(ended.out.contains("7i77.0.0 is OFFLINE: "), "{ended:?}");
             assert!(!ended.out.contains("thread"), "{ended:?}");
             assert!(
                 ended.out.contains("1000 Hz: NO: a remote was offline"),
@@ -271,10 +271,7 @@ fn latency_ends_on_a_signal_with_results_and_never_drives() {
     assert!(out.contains("CPU per cycle: "), "{out}{err}");
     let said = "ended by SIGINT before its time; no output was ever on, and the ports are stopped";
     assert!(err.contains(said), "{err}");
-    assert!(
-        err.contains("port 0, channel 0: 7I77"),
-        "what was found: {err}"
-    );
+    assert!(err.contains("7i77.0.0"), "what was found: {err}");
 }
 
 #[test]

@@ -210,7 +210,7 @@ fn invalid_input_is_no_change_nor_is_its_next_value() {
     let mut guided = Guided::begin(&board, &[INPUTS, "--json"]);
     guided.says("[1/10] ");
     board.console.run("unplug 0");
-    guided.says("NOT VALID, and waited for: the 7I77 on port 0, channel 0 ");
+    guided.says("NOT VALID, and waited for: 7i77.0.0 ");
     board.console.run("input 0 0 on");
     board.console.run("plug 0");
     guided.says("INPUT0 (7i77.0.0.input-00): let it go first: it is on, and was not before");
@@ -221,7 +221,7 @@ fn invalid_input_is_no_change_nor_is_its_next_value() {
     let told = guided.says("NOT VALID, and waited for: ");
     assert!(told.contains("field"), "{told}");
     guided.types("");
-    guided.says("  NOT VALID: the 7I77 on port 0, channel 0");
+    guided.says("  NOT VALID: 7i77.0.0");
     guided.says("[3/10] ");
     board.console.run("field 0 24");
     guided.actuates(&mut board, 2);

@@ -119,7 +119,7 @@ fn screen_ends_with_the_reason() {
     let Some(terminal) = Terminal::start("second", &arguments) else {
         return;
     };
-    terminal.wait_for_text("0.0 7I77  running");
+    terminal.wait_for_text("7i77.0.0  running");
     let master = Master::start(board.address);
     let text = terminal.wait_for_text("exit code 1");
     assert!(text.contains("another program or host drives"), "{text}");
@@ -134,7 +134,7 @@ fn screen_does_not_set_up_a_board_driven_by_another_program() {
     let Some(terminal) = Terminal::start("again", &arguments) else {
         return;
     };
-    terminal.wait_for_text("0.0 7I77  running");
+    terminal.wait_for_text("7i77.0.0  running");
     let mut is_bitten = || board.console.show("all")["board.watchdog-bitten"] == "1";
     // It has bitten already on a busy computer, until the board is set up again.
     wait_until("the watchdog runs", || !is_bitten());

@@ -169,7 +169,7 @@ fn findings_for_the_user_are_at_the_top() {
         "{bad}"
     );
     assert!(
-        bad.contains("\n  port 0, channel 0, 7I77: field voltage too low or missing\n"),
+        bad.contains("\n  7i77.0.0: field voltage too low or missing\n"),
         "{bad}"
     );
     let found = json(&["--addr", &address]);
@@ -270,7 +270,7 @@ fn invalid_arguments_are_refused_and_not_ignored() {
         (
             &["--sim", SIM, "--mode", "0.0=77"],
             1,
-            "port 0, channel 0: the 7I77 has no software mode 77; it has 0 (",
+            "7i77.0.0 has no software mode 77; it has 0 (",
         ),
         (
             &["--sim", SIM, "--mode", "2.0=1"],
@@ -287,9 +287,14 @@ fn invalid_arguments_are_refused_and_not_ignored() {
 
 #[test]
 fn mode_that_a_remote_has_not_is_not_in_order() {
-    for (machine, mode, said) in [
-        ("7i97", "0.0=2", "nothing started in software mode 2"),
-        (SIM, "0.0=77", "software mode 77 is not one of"),
+    for (machine, mode, place, said) in [
+        (
+            "7i97",
+            "0.0=2",
+            "port 0, channel 0",
+            "nothing started in software mode 2",
+        ),
+        (SIM, "0.0=77", "7i77.0.0", "software mode 77 is not one of"),
     ] {
         let output = info(&["--sim", machine, "--mode", mode]);
         let text = String::from_utf8_lossy(&output.stdout);
@@ -299,7 +304,7 @@ fn mode_that_a_remote_has_not_is_not_in_order() {
         assert!(judgement.contains(" to look at: MESA7I9"), "{judgement}");
         assert_eq!(
             lines
-                .filter(|line| line.starts_with("  port") && line.contains(said))
+                .filter(|line| line.starts_with(&format!("  {place}: ")) && line.contains(said))
                 .count(),
             1,
             "{text}"

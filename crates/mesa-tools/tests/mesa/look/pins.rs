@@ -153,10 +153,7 @@ fn signal_ends_it_with_the_board_stopped() {
     let mut said = BufReader::new(started.stderr.take().expect("piped"));
     let mut line = String::new();
     said.read_line(&mut line).expect("what was found");
-    assert!(
-        line.starts_with("hm2_7i92.0: port 0, channel 0: 7I77"),
-        "{line}"
-    );
+    assert!(line.starts_with("hm2_7i92.0: 7i77.0.0"), "{line}");
     let mut process = Process::new(started);
     process.signal("TERM");
     let run = Run::from(process.output());

@@ -22,7 +22,7 @@ fn screen_follows_the_board_and_ends_with_the_terminal_restored() {
     let Some(terminal) = Terminal::start("follows", &arguments) else {
         return;
     };
-    let text = terminal.wait_for_text("0.0 7I77  running");
+    let text = terminal.wait_for_text("7i77.0.0  running");
     for wanted in [
         " hm2_7i92.0 ",
         "board     running",
@@ -47,10 +47,10 @@ fn screen_follows_the_board_and_ends_with_the_terminal_restored() {
         assert_eq!(value(&text, other).as_deref(), Some("off"), "{text}");
     }
     board.console.run("unplug 0");
-    let text = terminal.wait_for_text("0.0 7I77  OFFLINE");
-    assert!(text.contains("0.1 7I77  running"), "{text}");
+    let text = terminal.wait_for_text("7i77.0.0  OFFLINE");
+    assert!(text.contains("7i77.0.1  running"), "{text}");
     board.console.run("plug 0");
-    terminal.wait_for_text("0.0 7I77  running");
+    terminal.wait_for_text("7i77.0.0  running");
 
     terminal.type_keys(&["q"]);
     let text = terminal.wait_for_text("exit code 0");
@@ -137,30 +137,32 @@ fn power_cycle_counts_one_reset_and_state_is_unknown_meanwhile() {
     let Some(terminal) = Terminal::start("power", &format!("watch --addr {address}")) else {
         return;
     };
-    terminal.wait_for_text("0.0 7I77  running");
+    terminal.wait_for_text("7i77.0.0  running");
     for cuts in 1..3 {
         board.kill();
         let text = terminal.wait_for_text("board     NOT REACHED");
-        let is_known = text.contains("7I77  running") || text.contains("7I77  OFFLINE");
+        let is_known = ["running", "OFFLINE"]
+            .iter()
+            .any(|state| text.contains(&format!("7i77.0.0  {state}")));
         assert!(!is_known, "{text}");
         for channel in [0, 1] {
             assert!(
-                text.contains(&format!("0.{channel} 7I77  UNKNOWN")),
+                text.contains(&format!("7i77.0.{channel}  UNKNOWN")),
                 "{text}"
             );
         }
         let port = address.port().to_string();
         board = Board::start(*address.ip(), &["--board", "7i92-7i77", "--port", &port]);
         let text = terminal.wait_for("it runs again", |text| {
-            text.contains("board     running") && text.contains("0.0 7I77  running")
+            text.contains("board     running") && text.contains("7i77.0.0  running")
         });
         let times = if cuts == 1 { "1 time," } else { "2 times," };
         assert!(text.contains(&format!("board reset {times}")), "{text}");
     }
     // A remote that is pulled out now is not offline for a reason from before.
     board.console.run("unplug 0");
-    let text = terminal.wait_for_text("0.0 7I77  OFFLINE");
-    let line = text.lines().find(|line| line.contains("0.0 7I77  OFFLINE"));
+    let text = terminal.wait_for_text("7i77.0.0  OFFLINE");
+    let line = text.lines().find(|line| line.contains("7i77.0.0  OFFLINE"));
     let line = line.expect("the line of the remote");
     assert!(line.contains("too many failed transfers"), "{text}");
 }

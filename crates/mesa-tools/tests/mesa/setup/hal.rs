@@ -49,7 +49,7 @@ fn all_pins_except_drive_enables_have_a_signal_and_terminal() {
     has(
         &board,
         &[
-            "\n# port 0, channel 0: 7I77, mode 2\n# port 0, channel 1: 7I77, mode 0\n# port 0, channel 2: 7I72",
+            "\n# 7i77.0.0: mode 2\n# 7i77.0.1: mode 0\n# 7i72.0.2",
             "\nloadrt hm2_eth board_ip=[HOSTMOT2]BOARD_IP config=[HOSTMOT2]CONFIG\n",
             "\nsetp hm2_7i92.0.encoder.05.scale [JOINT_5]ENCODER_SCALE\n",
             "\nnet encoder-00-index-enable <=> hm2_7i92.0.encoder.00.index-enable  # TB3 pin 7, 8 IDX0, /IDX0",
@@ -279,7 +279,7 @@ fn step_generators_are_joints_with_settings_and_not_enabled() {
     has(
         &board,
         &[
-            "\n# port 0, channel 0: 7I76, mode 0\n",
+            "\n# 7i76.0.0: mode 0\n",
             "\nsetp hm2_7i92.0.stepgen.04.position-scale [JOINT_4]STEP_SCALE\n",
             "\nsetp hm2_7i92.0.stepgen.04.dirhold [JOINT_4]DIRHOLD\n",
             "\nnet stepgen-01-position-fb <= hm2_7i92.0.stepgen.01.position-fb  # TB2 pin 8, 9, 10, 11 ",

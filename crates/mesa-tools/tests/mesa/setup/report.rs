@@ -84,7 +84,7 @@ fn page_has_what_the_simulated_cabinet_has() {
         "7I92",
         "MESA7I92",
         "1 thing to look at: MESA7I92, 2 remotes",
-        "port 0, channel 0, 7I77: field voltage too low or missing",
+        "7i77.0.0: field voltage too low or missing",
         "0x12000001",
         "7I77 field I/O",
         "TB8 pin 20",

@@ -91,7 +91,7 @@ fn remote(started: StartedRemote) -> Remote {
         descriptor,
         offline: None,
     };
-    let (registers, at) = (ChannelRegisters::usual(channel), (id, Instant::default()));
+    let (registers, at) = (ChannelRegisters::usual(channel), Instant::default());
     let slot = RemoteSlot::register(&mut image, &mut pins, group, found, registers, at).unwrap();
     Remote::new(
         started,

@@ -34,9 +34,13 @@ fn takes_part<'a>(
         return Ok(());
     };
     let mut not = not.into_iter();
-    let found = not.find(|remark| remark.remote == Some(id));
+    let found = not.find(|remark| remark.remote.is_some_and(|remote| remote == id));
     found.map_or(Ok(()), |Remark { kind, .. }| {
-        let (RemoteId { port, channel }, said) = (id, told(kind));
+        let RemoteId { port, channel } = id;
+        let said = match kind {
+            RemarkKind::Offline { reason } => told(reason),
+            kind => told(kind),
+        };
         let what = format_args!("{name}: its remote on {port}.{channel} is {state}: {said}");
         Err(Failure::of(kind, what))
     })

@@ -2,6 +2,7 @@
 
 use std::fmt::{self, Display};
 
+use mesa_hal::RemoteLabel;
 use mesa_hal::driver::{BoardState, OfflineReason, RemoteState};
 use serde::Serialize;
 
@@ -43,22 +44,24 @@ pub fn with_reason(result: &str, reason: Option<&Reason>) -> String {
     }
 }
 
-/// Reason why a remote does not take part in full; `place` names it.
-pub fn of_remote(place: &str, state: RemoteState, first: Option<OfflineReason>) -> Reason {
+/// Reason why a remote does not take part in full.
+pub fn of_remote(remote: RemoteLabel, state: RemoteState, first: Option<OfflineReason>) -> Reason {
     match (state, first) {
         (RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason }, _) => {
-            Reason::new(format_args!("{place} is offline: {}", told(&reason)))
+            Reason::new(format_args!("{remote} is offline: {}", told(&reason)))
         }
         (_, Some(first)) => Reason::new(format_args!(
-            "{place} went offline and has not been re-armed since: {}",
+            "{remote} went offline and has not been re-armed since: {}",
             told(&first)
         )),
-        (_, None) => Reason::new(format_args!("{place} does not answer")),
+        (_, None) => Reason::new(format_args!("{remote} does not answer")),
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use mesa_hal::sslbp::RemoteName;
+
     use super::*;
 
     #[test]
@@ -84,12 +87,13 @@ mod tests {
     #[test]
     fn remote_that_runs_is_not_called_offline() {
         let first = Some(OfflineReason::Watchdog);
-        let running = of_remote("the 7I77", RemoteState::Running, first).to_string();
+        let remote = RemoteLabel::new((0, 1), RemoteName(*b"7I77"));
+        let running = of_remote(remote, RemoteState::Running, first).to_string();
         assert!(!running.contains("is offline"), "{running}");
         let reason = OfflineReason::Absent;
-        let restarting = of_remote("the 7I77", RemoteState::Restarting { reason }, first);
+        let restarting = of_remote(remote, RemoteState::Restarting { reason }, first);
         let restarting = restarting.to_string();
-        let begin = "the 7I77 is offline: absent at the start";
+        let begin = "7i77.0.1 is offline: absent at the start";
         assert!(restarting.starts_with(begin), "{restarting}");
     }
 }

@@ -151,7 +151,7 @@ fn found<B: ClockedBus>(driver: &Driver<B>) -> String {
             let id = RemoteId::new(layout.instance, channel);
             let place = format_args!("{}: {id}", driver.name());
             let _ = match remote {
-                Some(remote) => writeln!(text, "{place}: {}", remote.descriptor.name),
+                Some(remote) => writeln!(text, "{}: {}", driver.name(), remote.label),
                 None if is_silent(driver, id) => writeln!(
                     text,
                     "{place}: nothing answers; a remote that should be there has no power or no cable \
@@ -173,5 +173,5 @@ fn found<B: ClockedBus>(driver: &Driver<B>) -> String {
 /// True if nothing answers on a channel.
 fn is_silent<B: ClockedBus>(driver: &Driver<B>, id: RemoteId) -> bool {
     let mut missing = driver.missing().iter();
-    missing.any(|remark| remark.remote == Some(id) && remark.is_silent())
+    missing.any(|remark| remark.remote.is_some_and(|remote| remote == id) && remark.is_silent())
 }

@@ -3,7 +3,7 @@
 use clap::Args;
 use mesa_hal::driver::{RemotePart, RemoteWatchdog, SerialPort};
 use mesa_hal::hal::GroupId;
-use mesa_hal::{Configured, Driver, Rounded};
+use mesa_hal::{Configured, Driver, RemoteLabel, Rounded};
 
 use crate::board::bus::Bus;
 use crate::ui::context::Failure;
@@ -24,7 +24,7 @@ impl SlowWatchdog {
     pub fn check(self, board: &Configured<Bus>, groups: &[GroupId]) -> Result<String, Failure> {
         let driven = |remote: &RemotePart| groups.contains(&remote.pins.group);
         let remotes = board.remotes().filter(|(_, remote)| driven(remote));
-        let slow = remotes.filter_map(|(port, remote)| {
+        let slow = remotes.filter_map(|(_, remote)| {
             let watchdog = Some(remote.watchdog()).filter(|watchdog| watchdog.is_slow())?;
             let how = match watchdog {
                 RemoteWatchdog::Off => {
@@ -36,10 +36,7 @@ impl SlowWatchdog {
                     Rounded(&watchdog.time().unwrap_or_default())
                 ),
             };
-            let (name, channel) = (&remote.descriptor.name, remote.started.channel.index());
-            Some(format!(
-                "the own watchdog of the {name} on port {port}, channel {channel} {how}"
-            ))
+            Some(format!("the own watchdog of {} {how}", remote.label()))
         });
         let slow: Vec<_> = slow.collect();
         match &*slow.join("; ") {
@@ -53,18 +50,10 @@ impl SlowWatchdog {
     /// be the one in use. All groups have to be re-armed afterwards.
     pub fn prove(self, driver: &mut Driver<Bus>, groups: &[GroupId]) -> Result<(), Failure> {
         let slow = |driver: &Driver<Bus>| {
-            let remotes = driver.ports().iter().flat_map(|port| {
-                let number = port.layout().instance;
-                port.remotes().map(move |remote| (number, remote))
-            });
-            let slow = remotes.filter(|(_, remote)| {
-                groups.contains(&remote.pins.group) && remote.watchdog.is_slow()
-            });
-            let slow = slow.map(|(port, remote)| {
-                let (name, channel) = (&remote.descriptor.name, remote.started.channel.index());
-                format!("the {name} on port {port}, channel {channel}")
-            });
-            slow.collect::<Vec<_>>()
+            let remotes = driver.ports().iter().flat_map(SerialPort::remotes);
+            let slow = remotes
+                .filter(|remote| groups.contains(&remote.pins.group) && remote.watchdog.is_slow());
+            slow.map(|remote| remote.label).collect::<Vec<_>>()
         };
         let is_driven = {
             let mut remotes = driver.ports().iter().flat_map(SerialPort::remotes);
@@ -76,7 +65,7 @@ impl SlowWatchdog {
         let known = slow(driver);
         driver.prove_watchdogs()?;
         let mut found = slow(driver);
-        found.retain(|place| !known.contains(place));
+        found.retain(|remote| !known.contains(remote));
         if found.is_empty() {
             return Ok(());
         }
@@ -84,7 +73,11 @@ impl SlowWatchdog {
             "the own watchdog of {} has not shown that it bites within the time of NVWatchDogTimeout: \
              a new value is used from the next power-up on, and until then another one, or none. \
              When its cable breaks, what is on may stay on",
-            found.join(" and ")
+            found
+                .iter()
+                .map(RemoteLabel::to_string)
+                .collect::<Vec<_>>()
+                .join(" and ")
         );
         if self.slow_watchdog {
             complain(format_args!("mesa: BEWARE: {said}"));

@@ -75,8 +75,7 @@ fn watchdog_that_was_written_and_is_not_in_use_is_not_believed() {
         for command in [&[&["set"], &jog[..]].concat(), &wiring[..]] {
             let refused = run(&[command, &to[..]].concat());
             assert_eq!(refused.code, Some(1), "{refused:?}");
-            let said =
-                "the own watchdog of the 7I77 on port 0, channel 0 has not shown that it bites";
+            let said = "the own watchdog of 7i77.0.0 has not shown that it bites";
             assert!(refused.err.contains(said), "{refused:?}");
             assert!(refused.err.contains("--slow-watchdog"), "{refused:?}");
             assert_eq!(refused.out, "");
@@ -131,7 +130,7 @@ fn remote_that_is_lost_at_the_end_is_no_success() {
     assert_ne!(told["outcome"], "done");
     assert_ne!(told["outcome"], "stopped");
     let said = told["not_reached"][0].as_str().expect("it is named");
-    assert!(said.contains("7I77 on port 0, channel 0"), "{told:#}");
+    assert!(said.contains("7i77.0.0"), "{told:#}");
     assert!(
         said.contains("switch off the power of the remote"),
         "{told:#}"

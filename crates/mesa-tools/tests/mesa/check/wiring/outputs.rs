@@ -62,7 +62,7 @@ fn one_output_is_on_at_a_time_and_the_answer_sets_its_verdict() {
     guided.says("[5/10] ");
     wait_for(&mut board, 0, "output-04", "1");
     board.console.run("shorted 0 4 on");
-    let failed = guided.says("  FAILED: the 7I77 on port 0, channel 0 is offline: ");
+    let failed = guided.says("  FAILED: 7i77.0.0 is offline: ");
     assert!(failed.contains("output overloaded"), "{failed}");
     board.console.run("shorted 0 4 off");
     guided.says("[6/10] ");
@@ -120,7 +120,7 @@ fn remote_lost_with_its_output_on_is_named_and_no_success() {
     board.console.run("unplug 0");
     guided.says("  FAILED: ");
     guided.types("q");
-    let said = guided.says("the 7I77 on port 0, channel 0 was not reached");
+    let said = guided.says("7i77.0.0 was not reached");
     assert!(!said.contains("all outputs are off"), "{said}");
     assert!(
         said.contains("switch off the power of the remote"),
@@ -147,7 +147,7 @@ fn unreachable_output_is_not_driven_later_without_new_consent() {
     terminal.type_keys(&["y", "Enter"]);
     terminal.wait_for_text("[1/10] TB8 pin 17 OUTPUT0 (7i77.0.0.output-00): y and Enter drives it");
     board.console.run("unplug 0");
-    terminal.wait_for_text("NOT VALID: the 7I77 on port 0, channel 0 is offline");
+    terminal.wait_for_text("NOT VALID: 7i77.0.0 is offline");
     terminal.type_keys(&["y", "Enter"]);
     std::thread::sleep(std::time::Duration::from_millis(500));
     board.console.run("plug 0");

@@ -9,7 +9,6 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
-use mesa_hal::RemoteId;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::Pace;
 use mesa_hal::ethernet::EthernetBoard;
@@ -319,17 +318,8 @@ fn judge_cycles(cycles: CycleCounts, state: BoardState, packets: &Packets) -> Fi
 fn judge(driver: &Driver<Recording<Bus>>, period: Duration, watchdog: Duration) -> Vec<Finding> {
     let mut findings = vec![board::watchdog("board: watchdog", Some(watchdog), period)];
     for port in driver.ports() {
-        let layout = port.layout();
-        for channel in 0..layout.channels {
-            let id = RemoteId::new(layout.instance, channel);
-            let place = id.to_string();
-            let remote = driver.remote(id);
-            findings.extend(
-                remote
-                    .iter()
-                    .flat_map(|remote| board::remote(&place, remote, period)),
-            );
-        }
+        let remotes = port.remotes();
+        findings.extend(remotes.flat_map(|remote| board::remote(&remote, period)));
     }
     findings.extend(driver.missing().iter().map(board::missing));
     findings.extend(driver.remarks().iter().map(board::odd));

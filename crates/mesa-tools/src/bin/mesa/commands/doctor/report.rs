@@ -224,7 +224,7 @@ impl Remote {
                 Some(Self {
                     port: port.port,
                     channel: channel.channel,
-                    name: remote.name.clone(),
+                    name: remote.name.to_string(),
                     unit_number: format!("0x{:08X}", remote.unit_number),
                     software_mode: remote.software_mode,
                     records: records.map(|element| element.data.clone()).collect(),

@@ -327,8 +327,7 @@ fn ports(board: &Configured<Bus>) -> Result<(BTreeMap<u8, String>, Vec<String>),
     for (id, remote) in board.remotes() {
         let started = &remote.started;
         let mode = started.software_mode;
-        let name = remote.descriptor.name;
-        let place = format!("{id}: {name}, mode {mode}");
+        let place = format!("{}: mode {mode}", remote.label());
         let digit = char::from_digit(mode.into(), 10).ok_or_else(|| {
             Failure::usage(format_args!("{place}: LinuxCNC takes modes 0 to 9 only"))
         })?;

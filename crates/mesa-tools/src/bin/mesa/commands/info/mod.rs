@@ -103,7 +103,7 @@ impl Found {
 
     fn check_mode(&self, id: RemoteId, mode: u8) -> Option<String> {
         let mut remotes = self.0.remotes();
-        let Some((_, remote)) = remotes.find(|&(found, _)| found == id) else {
+        let Some((label, remote)) = remotes.find(|&(found, _)| found == id) else {
             return Some(format!("{id}: nothing started in software mode {mode}"));
         };
         let modes = remote.modes.iter();
@@ -115,8 +115,7 @@ impl Found {
             .iter()
             .map(|known| format!("{} ({})", known.index, known.name));
         Some(format!(
-            "{id}: the {} has no software mode {mode}; it has {}; ask for one of these",
-            remote.name,
+            "{label} has no software mode {mode}; it has {}; ask for one of these",
             texts.collect::<Vec<_>>().join(", ")
         ))
     }

@@ -4,11 +4,13 @@ use std::ops::ControlFlow;
 use std::time::Duration;
 
 use mesa_hal::bus::{BusStatistics, RegisterBus};
-use mesa_hal::driver::{DriverStatistics, Pace, RemoteState};
+use mesa_hal::driver::{DriverStatistics, Pace, RemoteState, SerialPort};
 use mesa_hal::runner::{Cycle, Latency as Recorder, Realtime, RunStatistics, Runner};
-use mesa_hal::{Driver, Settings};
+use mesa_hal::{Driver, RemoteLabel, Settings};
 use mesa_tools::diagnosis::{PacketMark, Packets};
-use serde::Serialize;
+use mesa_tools::setup::RemotePlace;
+use serde::ser::SerializeMap;
+use serde::{Serialize, Serializer};
 
 use super::setting::Setting;
 use crate::board::bus::Bus;
@@ -69,9 +71,8 @@ pub struct Mark {
 /// A remote that is or was offline.
 #[derive(Clone, Debug, Serialize)]
 pub struct Offline {
-    /// `PORT.CHANNEL`.
-    pub place: String,
-    pub card: String,
+    #[serde(flatten, serialize_with = "place_and_card")]
+    pub remote: RemoteLabel,
     /// True if the remote runs again.
     pub is_back: bool,
     pub reason: String,
@@ -80,11 +81,8 @@ pub struct Offline {
 impl Offline {
     /// Remotes of a driver that are or were offline.
     fn of(driver: &Driver<Bus>) -> Vec<Self> {
-        let remotes = driver.ports().iter().flat_map(|port| {
-            let number = port.layout().instance;
-            port.remotes().map(move |remote| (number, remote))
-        });
-        let offline = remotes.filter_map(|(port, remote)| {
+        let remotes = driver.ports().iter().flat_map(SerialPort::remotes);
+        let offline = remotes.filter_map(|remote| {
             let (is_back, reason) = match remote.state {
                 RemoteState::Running if remote.restarts == 0 => return None,
                 RemoteState::Running => (true, remote.first_fault),
@@ -95,14 +93,22 @@ impl Offline {
             };
             let reason = reason.map(|reason| told(&reason));
             Some(Self {
-                place: format!("{port}.{}", remote.started.channel.index()),
-                card: remote.descriptor.name.to_string(),
+                remote: remote.label,
                 is_back,
                 reason: reason.unwrap_or_else(|| "it was started again".to_owned()),
             })
         });
         offline.collect()
     }
+}
+
+/// The keys with which all commands show a remote.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]
+fn place_and_card<S: Serializer>(remote: &RemoteLabel, serializer: S) -> Result<S::Ok, S::Error> {
+    let mut map = serializer.serialize_map(Some(2))?;
+    map.serialize_entry("place", &RemotePlace::Channel(remote.id))?;
+    map.serialize_entry("card", &remote.name)?;
+    map.end()
 }
 
 impl Mark {

@@ -231,8 +231,7 @@ impl Display for Run {
         writeln!(f, "CPU per cycle: {:.1} us", self.cpu_us_per_cycle)?;
         for remote in &self.offline {
             let Offline {
-                place,
-                card,
+                remote,
                 is_back,
                 reason,
             } = remote;
@@ -241,7 +240,7 @@ impl Display for Run {
             } else {
                 "is OFFLINE"
             };
-            writeln!(f, "{card} on {place} {state}: {reason}")?;
+            writeln!(f, "{remote} {state}: {reason}")?;
         }
         for verdict in &self.verdicts {
             let Judged {

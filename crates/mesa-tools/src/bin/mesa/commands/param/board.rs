@@ -6,7 +6,7 @@ use mesa_hal::hal::AnyValue;
 use mesa_hal::lbp::RemoteAccess;
 use mesa_hal::remote::ParameterError;
 use mesa_hal::sslbp::{DEFAULT_BAUD_RATE, MAX_INTERFACE_REGISTERS, PortLink};
-use mesa_hal::{Board, Configured, DriverError, RemoteId, Settings};
+use mesa_hal::{Board, Configured, DriverError, RemoteId, RemoteLabel, Settings};
 
 use mesa_tools::setup::{Cabinet, CabinetError, CabinetRemote, RemotePlace};
 
@@ -80,7 +80,9 @@ impl BoardCabinet {
     /// Asks silent channels at these baud rates.
     fn find_others(&mut self, rates: &[u32]) -> Result<(), BoardError> {
         let silent = self.board.missing().iter().filter(|it| it.is_silent());
-        let silent: Vec<RemoteId> = silent.filter_map(|it: &Remark| it.remote).collect();
+        let silent: Vec<RemoteId> = silent
+            .filter_map(|it: &Remark| Some(it.remote?.id))
+            .collect();
         for id in silent {
             for &baud in rates {
                 let described = self.at(id, baud, |link, started| {
@@ -91,12 +93,10 @@ impl BoardCabinet {
                     Err(DriverError::Missing(_)) => continue,
                     described => described?,
                 };
-                complain(format_args!(
-                    "Note: {id}: a {} that answers at {baud} baud",
-                    described.descriptor.name
-                ));
+                let remote = RemoteLabel::new(id, described.descriptor.name);
+                complain(format_args!("Note: {remote}: it answers at {baud} baud"));
                 for problem in &described.problems {
-                    complain(format_args!("Note: {id}: {}", told(problem)));
+                    complain(format_args!("Note: {remote}: {}", told(problem)));
                 }
                 self.others.push(OtherRemote {
                     id,
@@ -157,8 +157,9 @@ impl BoardCabinet {
         let Some((baud, descriptor)) = self.other(id) else {
             return Ok(None);
         };
+        let remote = RemoteLabel::new(id, descriptor.name);
         let failed = |source| DriverError::Parameter {
-            remote: id,
+            remote,
             name: name.into(),
             source,
         };

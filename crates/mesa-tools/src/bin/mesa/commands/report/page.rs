@@ -138,11 +138,11 @@ impl Page<'_> {
 
     fn remotes(&self, html: &mut Html) {
         html.element("h2", "Remotes");
-        let rows = self.inventory.remotes().map(|(id, remote)| {
-            let card = remote.known_as.unwrap_or(&remote.name);
+        let rows = self.inventory.remotes().map(|(label, remote)| {
+            let name = remote.name.to_string();
             [
-                id.to_string(),
-                card.to_owned(),
+                label.to_string(),
+                remote.known_as.map_or(name, str::to_owned),
                 format!("0x{:08X}", remote.unit_number),
                 mode(remote),
                 faults(remote),
@@ -202,9 +202,9 @@ impl Page<'_> {
         let remotes = self.inventory.remotes();
         let with_some = remotes.filter(|(_, remote)| !remote.parameters.is_empty());
         let mut is_empty = true;
-        for (id, remote) in with_some {
+        for (label, remote) in with_some {
             is_empty = false;
-            html.element("h3", format_args!("{id}, {}", remote.name));
+            html.element("h3", label);
             let rows: Vec<_> = remote.parameters.iter().map(parameter).collect();
             let columns = [
                 code("Parameter"),

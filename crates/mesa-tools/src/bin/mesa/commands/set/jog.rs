@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use mesa_hal::Driver;
 use mesa_hal::bus::{BusError, Instant};
+use mesa_hal::driver::SerialPort;
 use mesa_hal::hal::{AnyValue, GroupId, PinId, PinInfo, Pins, Role};
 use mesa_hal::modules::gpio::Gpio;
 use mesa_hal::runner::{Cycle, Runner};
@@ -369,23 +370,12 @@ impl Jog {
             // Single transfers may fail once the groups have run.
             is_disarmed || self.phase == Phase::Start && state.is_none_or(|state| !state.valid)
         })?;
-        let remotes = driver.ports().iter().flat_map(|port| {
-            let number = port.layout().instance;
-            port.remotes().map(move |remote| (number, remote))
-        });
-        let remote = remotes
-            .into_iter()
-            .find(|(_, remote)| remote.pins.group == group);
-        let Some((port, remote)) = remote else {
+        let mut remotes = driver.ports().iter().flat_map(SerialPort::remotes);
+        let Some(remote) = remotes.find(|remote| remote.pins.group == group) else {
             return Some(Reason::new("the board's own inputs are not valid"));
         };
-        let place = format!(
-            "the {} on port {port}, channel {}",
-            remote.descriptor.name,
-            remote.started.channel.index()
-        );
         let (state, first) = (remote.state, remote.first_fault);
-        Some(reason::of_remote(&place, state, first))
+        Some(reason::of_remote(remote.label, state, first))
     }
 
     fn look(&mut self, pins: &Pins, at: impl Fn(&mut Told) -> &mut Option<AnyValue>) {

@@ -205,7 +205,7 @@ impl RemoteLine {
         let first = first.map(|first| format!("first fault: {}", told(&first)));
         let rest: Vec<String> = why.into_iter().chain([counts]).chain(first).collect();
         Self {
-            place: format!("{}.{} {}", remote.id.port, remote.id.channel, remote.name),
+            place: remote.label.to_string(),
             state: if is_known { state } else { "UNKNOWN" },
             runs: is_known && remote.state == RemoteState::Running,
             since: short_time(snapshot.time().since(remote.since)),

@@ -206,6 +206,5 @@ pub fn reason(snapshot: &Snapshot, info: &PinInfo) -> Reason {
     let Some(remote) = remotes.find(|remote| remote.group == info.group) else {
         return Reason::new("the board has not shown it yet");
     };
-    let place = format!("the {} on {}", remote.name, remote.id);
-    reason::of_remote(&place, remote.state, remote.first_fault)
+    reason::of_remote(remote.label, remote.state, remote.first_fault)
 }

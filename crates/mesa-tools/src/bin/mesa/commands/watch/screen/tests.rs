@@ -81,8 +81,8 @@ fn screen_shows_board_packets_watchdog_cycle_remotes_and_pins() {
         "0 lost",
         "watchdog  has bitten 0 times",
         " of 1000 us",
-        "0.0 7I77  running",
-        "0.1 7I77  running",
+        "7i77.0.0  running",
+        "7i77.0.1  running",
         " pins: ",
         "/ filter   a: all pins   arrows",
     ] {
@@ -272,7 +272,7 @@ fn board_and_remote_lines_are_not_truncated() {
         for wanted in [
             "0 duplicate, 0 writes lost",
             "not reached 0 times",
-            "0.1 7I77  running",
+            "7i77.0.1  running",
             "0 failed",
         ] {
             assert!(text.contains(wanted), "{columns}: {wanted}: {picture}");

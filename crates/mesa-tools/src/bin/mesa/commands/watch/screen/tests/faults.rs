@@ -169,13 +169,13 @@ impl Stage {
             let lines = lines.skip_while(|line| !line.starts_with(begin));
             lines.take(2).collect::<Vec<_>>().join(" ")
         };
-        let field = line("0.0 7I77");
-        let says = |text: &str| field.starts_with(&format!("0.0 7I77  {text}"));
+        let field = line("7i77.0.0");
+        let says = |text: &str| field.starts_with(&format!("7i77.0.0  {text}"));
         let what = format!("{deeds:?}:\n{shown}");
         if !self.truth.has_network {
             assert!(shown.contains("board     NOT REACHED for "), "{what}");
             assert!(says("UNKNOWN "), "{what}");
-            assert!(line("0.1 7I77").starts_with("0.1 7I77  UNKNOWN "), "{what}");
+            assert!(line("7i77.0.1").starts_with("7i77.0.1  UNKNOWN "), "{what}");
             return;
         }
         assert!(shown.contains("board     running for "), "{what}");
@@ -184,7 +184,7 @@ impl Stage {
             count => format!("board reset {count} times, "),
         };
         assert!(shown.contains(&resets), "{what}");
-        assert!(line("0.1 7I77").starts_with("0.1 7I77  running "), "{what}");
+        assert!(line("7i77.0.1").starts_with("7i77.0.1  running "), "{what}");
         let present = field.split("; ").next().unwrap_or_default();
         match (self.truth.is_plugged_in, self.truth.has_field_power) {
             (true, true) => assert!(says("running "), "{what}"),
@@ -251,13 +251,13 @@ fn screen_is_correct_after_a_board_fault_and_two_others() {
 fn unknown_time_is_not_counted_as_running_time_of_a_remote() {
     let mut stage = Stage::new();
     stage.run(2000);
-    assert!(stage.shown().contains("0.0 7I77  running    for 10 s"));
+    assert!(stage.shown().contains("7i77.0.0  running    for 10 s"));
     stage.happen(Deed::NetworkOff);
     stage.run(420);
     let shown = stage.shown();
     assert!(shown.contains("board     NOT REACHED for 2 s"), "{shown}");
     for channel in 0..2 {
-        let unknown = format!("0.{channel} 7I77  UNKNOWN    for 2 s ");
+        let unknown = format!("7i77.0.{channel}  UNKNOWN    for 2 s ");
         assert!(shown.contains(&unknown), "{shown}");
     }
     assert!(shown.contains("before that: running"), "{shown}");
@@ -265,7 +265,7 @@ fn unknown_time_is_not_counted_as_running_time_of_a_remote() {
     stage.run(500);
     let shown = stage.shown();
     for channel in 0..2 {
-        let begin = format!("0.{channel} 7I77  running    for ");
+        let begin = format!("7i77.0.{channel}  running    for ");
         let since = shown
             .split(&begin)
             .nth(1)
