@@ -16,28 +16,23 @@ pub(super) struct EventRows {
 }
 
 impl EventRows {
-    fn each(&mut self) -> [(&mut EventRow, Repeating); 5] {
-        [
-            (&mut self.failed_reads, Repeating::FailedReads),
-            (&mut self.failed_writes, Repeating::FailedWrites),
-            (&mut self.lost_writes, Repeating::LostWrites),
-            (&mut self.missed_periods, Repeating::MissedPeriods),
-            (&mut self.foreign_packets, Repeating::OtherMaster),
-        ]
+    #[inline]
+    fn each(&mut self, mut with: impl FnMut(&mut EventRow, Repeating)) {
+        with(&mut self.failed_reads, Repeating::FailedReads);
+        with(&mut self.failed_writes, Repeating::FailedWrites);
+        with(&mut self.lost_writes, Repeating::LostWrites);
+        with(&mut self.missed_periods, Repeating::MissedPeriods);
+        with(&mut self.foreign_packets, Repeating::OtherMaster);
     }
 
     /// Ends the rows without new events for long enough.
     #[inline]
     pub fn look(&mut self, sink: &EventSink, now: Instant) {
-        for (row, what) in self.each() {
-            row.look(sink, now, what);
-        }
+        self.each(|row, what| row.look(sink, now, what));
     }
 
     /// Ends all rows.
     pub fn end(&mut self, sink: &EventSink, now: Instant) {
-        for (row, what) in self.each() {
-            row.end(sink, now, what);
-        }
+        self.each(|row, what| row.end(sink, now, what));
     }
 }
