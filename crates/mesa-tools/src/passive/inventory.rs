@@ -2,19 +2,17 @@
 
 use core::time::Duration;
 
-use mesa_hal::RemoteId;
-use mesa_hal::bus::{Clock, Instant, RegisterBus};
-use mesa_hal::hostmot2::HostMot2;
+use mesa_hal::CycleError;
+use mesa_hal::bus::{Clock, Instant};
 use mesa_hal::lbp16::Space;
 use mesa_hal::lbp16::registers::control;
-use mesa_hal::modules::watchdog::WatchdogRegisters;
-use mesa_hal::sslbp::{ComState, CsStatus, PortLayout, PortPlace};
+use mesa_hal::sslbp::{ComState, CsStatus};
 use mesa_hal::transport::udp::PacketLink;
 
-use super::{PassiveBus, PassiveError, PassiveStatistics, Read};
+use super::{PassiveBus, PassiveError, PassiveStatistics, Read, Sample, Value, Watched};
 use crate::Counted;
 use crate::diagnosis::board::t_board;
-use crate::inventory::{InventoryError, InventoryEthernet, InventoryFirmware, of_firmware};
+use crate::inventory::{InventoryEthernet, InventoryFirmware, of_firmware};
 
 /// What can be known of a board without a command to it.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,51 +28,34 @@ pub struct PassiveInventory {
     pub ethernet: InventoryEthernet,
     /// The FPGA's firmware.
     pub firmware: InventoryFirmware,
-    /// Its smart-serial ports.
-    pub serial_ports: Vec<PassivePort>,
+    /// The pins and registers whose content is known.
+    pub values: Vec<Value>,
     /// Packets of this look.
     pub look: PassiveStatistics,
 }
 
-/// A smart-serial port, as its registers show it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct PassivePort {
-    /// Number of the port.
-    pub port: u8,
-    /// Channels of the port.
-    pub channels: Vec<PassiveChannel>,
-}
-
-/// A channel of a port.
-#[derive(Clone, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct PassiveChannel {
-    /// Number of the channel, 0 to 7.
-    pub channel: u8,
-    /// State and faults of the channel, in words.
-    pub state: String,
-    /// Content of CS.
-    pub cs: u32,
-    /// Content of the interface registers: the last process data from the remote.
-    pub interfaces: Vec<u32>,
-}
-
-/// Interval over which packets of other programs are counted, at least.
-const COUNTED: Duration = Duration::from_millis(200);
+/// Interval over which packets of other programs are counted, at least: each count costs a packet.
+pub(super) const COUNTED: Duration = Duration::from_millis(200);
 
 impl PassiveInventory {
     /// Takes the inventory of a board whose [Ethernet side](InventoryEthernet::read) was read over
     /// the same bus. Writes nothing.
     ///
     /// # Errors
-    /// [`InventoryError`]: no board answers, or its firmware cannot be used.
+    /// Those of the bus.
     pub fn take<L: PacketLink>(
-        bus: &mut PassiveBus<L>,
+        watched: &mut Watched<L>,
         mut ethernet: InventoryEthernet,
-    ) -> Result<Self, InventoryError> {
-        let before = Received::read(bus)?;
-        let firmware = bus.identify()?;
+    ) -> Result<Self, CycleError> {
+        watched.sample()?;
+        watched.bus().sleep(COUNTED);
+        let Sample {
+            values,
+            others_per_second,
+            look,
+            ..
+        } = watched.sample()?;
+        let firmware = watched.listener().firmware();
         if firmware.idrom.is_7i97t() {
             ethernet.identity.set_7i97t();
         }
@@ -82,23 +63,21 @@ impl PassiveInventory {
         let mut findings: Vec<String> = ethernet.findings().collect();
         let warnings = firmware.warnings.iter();
         findings.extend(warnings.map(|warning| format!("the firmware: {warning}")));
-        findings.extend(bite(bus, &firmware)?);
-        let mut serial_ports = Vec::new();
-        for PortPlace { layout, .. } in PortLayout::ports(&firmware) {
-            serial_ports.push(port(bus, layout)?);
+        let bite = format!("{}.watchdog.has_bit", watched.listener().name());
+        let is_bite = |value: &Value| value.name == bite && value.value.as_bool() == Some(true);
+        if values.iter().any(is_bite) {
+            findings.push("the watchdog has bitten: the board's own outputs are off".to_owned());
         }
-        findings.extend(serial_ports.iter().flat_map(faults));
-        let left = COUNTED.saturating_sub(bus.now().since(before.at));
-        bus.sleep(left);
-        let after = Received::read(bus)?;
+        findings.extend(values.iter().filter_map(faults));
+        let has_ports = values.iter().any(|value| value.text.is_some());
         Ok(Self {
             findings,
-            unknown: unknown(!serial_ports.is_empty()),
-            others_per_second: after.others_since(before),
+            unknown: unknown(has_ports),
+            others_per_second: others_per_second.unwrap_or_default(),
             ethernet,
-            firmware: of_firmware(&firmware),
-            serial_ports,
-            look: bus.packets(),
+            firmware: of_firmware(firmware),
+            values,
+            look,
         })
     }
 
@@ -155,56 +134,16 @@ impl Received {
     }
 }
 
-/// Finding about a watchdog that has bitten.
-fn bite<L: PacketLink>(
-    bus: &mut PassiveBus<L>,
-    firmware: &HostMot2,
-) -> Result<Option<String>, InventoryError> {
-    let Ok(watchdog) = WatchdogRegisters::locate(firmware) else {
-        return Ok(None);
-    };
-    let status = bus.read(watchdog.status)?;
-    let has_bitten = status & WatchdogRegisters::HAS_BIT != 0;
-    let text = "the watchdog has bitten: the board's own outputs are off";
-    Ok(has_bitten.then(|| text.to_owned()))
-}
-
-/// Findings about faults that remotes report.
-fn faults(port: &PassivePort) -> impl Iterator<Item = String> + '_ {
-    port.channels.iter().filter_map(|channel| {
-        let cs = CsStatus(channel.cs);
-        let is_running = matches!(cs.state(), ComState::ProcessData | ComState::Chatter);
-        let has_faults = is_running && !cs.remote_faults().is_empty();
-        let id = RemoteId::new(port.port, channel.channel);
-        has_faults.then(|| format!("{id}: {}", channel.state))
-    })
-}
-
-fn port<L: PacketLink>(
-    bus: &mut PassiveBus<L>,
-    layout: PortLayout,
-) -> Result<PassivePort, PassiveError> {
-    let mut reads = Vec::new();
-    for channel in layout.mask().iter() {
-        let registers = layout.cs(channel).into_iter();
-        let registers = registers.chain(layout.interfaces(channel));
-        reads.extend(registers.map(|address| Read::hostmot2(address, 1)));
-    }
-    let words = bus.read_all(&reads)?;
-    let each = usize::from(layout.interface_registers) + 1;
-    let channels = (0..).zip(words.chunks(each)).map(|(channel, words)| {
-        let (cs, interfaces) = words.split_first().unwrap_or((&0, &[]));
-        PassiveChannel {
-            channel,
-            state: CsStatus(*cs).to_string(),
-            cs: *cs,
-            interfaces: interfaces.to_vec(),
-        }
-    });
-    Ok(PassivePort {
-        port: layout.instance,
-        channels: channels.collect(),
-    })
+/// Finding about the faults that the remote on a channel reports.
+fn faults(
+    Value {
+        name, value, text, ..
+    }: &Value,
+) -> Option<String> {
+    let text = text.as_ref()?;
+    let cs = CsStatus(u32::try_from(value.as_i64()?).ok()?);
+    let is_running = matches!(cs.state(), ComState::ProcessData | ComState::Chatter);
+    (is_running && !cs.remote_faults().is_empty()).then(|| format!("{name}: {text}"))
 }
 
 fn unknown(has_ports: bool) -> Vec<String> {

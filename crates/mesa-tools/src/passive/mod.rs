@@ -18,5 +18,5 @@ mod inventory;
 mod watch;
 
 pub use bus::{PassiveBus, PassiveError, PassiveStatistics, Read};
-pub use inventory::{PassiveChannel, PassiveInventory, PassivePort};
+pub use inventory::PassiveInventory;
 pub use watch::{Sample, Value, Watched};

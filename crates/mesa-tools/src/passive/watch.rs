@@ -1,7 +1,7 @@
 //! Live values of a board that another program drives: its pins, and the counters and serial
 //! channels that no pin shows.
 
-use core::time::Duration;
+use core::fmt;
 
 use mesa_hal::bus::{Instant, Phase, ReadSlot};
 use mesa_hal::driver::{Defaults, Listener};
@@ -11,7 +11,7 @@ use mesa_hal::transport::RegisterMap;
 use mesa_hal::transport::udp::PacketLink;
 use mesa_hal::{Board, CycleError, DriverError, Settings};
 
-use super::inventory::Received;
+use super::inventory::{COUNTED, Received};
 use super::{PassiveBus, PassiveStatistics};
 
 /// A board whose values are read again and again.
@@ -24,9 +24,6 @@ pub struct Watched<L> {
     /// Packets of other programs between the last two counts, per second.
     others_per_second: Option<f64>,
 }
-
-/// Least time between two counts of the board's packets: each costs a packet.
-const COUNTED: Duration = Duration::from_millis(500);
 
 /// A value, at the time of its [`Sample`].
 #[derive(Clone, Debug, PartialEq)]
@@ -43,13 +40,27 @@ pub struct Value {
     pub text: Option<String>,
 }
 
+/// The value without its name: a bit as ON or off, as on the screen of a machine of one's own.
+impl fmt::Display for Value {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (&self.text, self.value.as_bool()) {
+            (Some(text), _) => f.pad(text),
+            (None, Some(is_on)) => f.pad(if is_on { "ON" } else { "off" }),
+            (None, None) => {
+                let word = self.value.as_i64().unwrap_or_default();
+                f.pad(&format!("{word} 0x{word:08X}"))
+            }
+        }
+    }
+}
+
 /// All values of a board at a time.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Sample {
     /// Seconds since the first sample.
     pub time_s: f64,
-    /// Packets from other programs per second, counted twice a second; `None` at first.
+    /// Packets from other programs per second, counted five times a second; `None` at first.
     pub others_per_second: Option<f64>,
     /// Packets of this look so far.
     pub look: PassiveStatistics,

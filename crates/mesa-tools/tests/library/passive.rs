@@ -181,7 +181,8 @@ fn look_beside(pace: Pace) {
     let begin = machine.borrow().driver.statistics();
     let before = machine.borrow_mut().driver.bus_mut().statistics().doubts;
     let ethernet = InventoryEthernet::read(&mut EthernetBoard::new(&mut bus)).expect("a board");
-    let inventory = PassiveInventory::take(&mut bus, ethernet).expect("a 7I97");
+    let mut watched = Watched::new(bus).expect("a 7I97");
+    let inventory = PassiveInventory::take(&mut watched, ethernet).expect("a 7I97");
     let rate = inventory.others_per_second;
     // One packet in each cycle, or two in a millisecond and the time of an exchange.
     let expected = if pace == Pace::Host {
@@ -190,8 +191,7 @@ fn look_beside(pace: Pace) {
         900.0..1010.0
     };
     assert!(expected.contains(&rate), "{rate} packets a second");
-    let inventoried = bus.packets().packets;
-    let mut watched = Watched::new(bus).expect("a 7I97");
+    let inventoried = watched.bus().packets().packets;
     for _ in 0..60 {
         watched.sample().expect("a board");
     }
@@ -251,7 +251,9 @@ fn passive_inventory_writes_nothing_and_causes_no_board_error() {
     let mut bus = look(&machine);
     let before = EthernetBoard::new(&mut bus).counters().expect("a board");
     let ethernet = InventoryEthernet::read(&mut EthernetBoard::new(&mut bus)).expect("a board");
-    PassiveInventory::take(&mut bus, ethernet).expect("a 7I97");
+    let mut watched = Watched::new(bus).expect("a 7I97");
+    PassiveInventory::take(&mut watched, ethernet).expect("a 7I97");
+    let bus = watched.bus();
     let map = bus.map().expect("identified").clone();
     let reads: Vec<_> = map
         .readable()
@@ -259,7 +261,7 @@ fn passive_inventory_writes_nothing_and_causes_no_board_error() {
         .collect();
     bus.read_all(&reads).expect("a board");
     assert!(reads.len() > 40, "{} registers", reads.len());
-    let after = EthernetBoard::new(&mut bus).counters().expect("a board");
+    let after = EthernetBoard::new(bus).counters().expect("a board");
     assert_eq!(
         (
             before.errors,

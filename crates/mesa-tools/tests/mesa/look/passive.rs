@@ -85,13 +85,16 @@ fn passive_inspection_writes_nothing_and_the_driver_goes_on() {
     for said in [
         "Ethernet board 7I97",
         "MESA7I97, other programs send ",
-        "Channel 0: running",
         "Not known without a command to the board:",
         "names, unit numbers, modes, terminals and parameters of remotes",
         "none of them written",
     ] {
         assert!(text.contains(said), "{said}: {text}");
     }
+    let mut lines = text.lines();
+    let channel = lines.find(|line| line.starts_with("  sserial.0.0.cs  "));
+    let is_running = channel.is_some_and(|line| line.contains("  running"));
+    assert!(is_running, "{text}");
     let info = done(&[&["info", "--passive", "--json"], &at[..]].concat());
     let info: Value = serde_json::from_str(&info).expect("JSON");
     hold_against_schema("info_passive", &info);
@@ -107,6 +110,20 @@ fn passive_inspection_writes_nothing_and_the_driver_goes_on() {
     let peek = done(&[&["peek", "encoder.01.count"], &at[..]].concat());
     let low = format!("{:04X}  ", (counts as i64) & 0xFFFF);
     assert!(peek.contains(&low), "{counts}: {peek}");
+
+    let pin = "hm2_7i97.0.pwmgen.00.enable";
+    let text = done(&[&["peek", pin], &at[..]].concat());
+    assert!(text.starts_with(&format!("{pin}  off ")), "{text}");
+    let pins = json(&[&["peek", "encoder.01"], &at[..]].concat());
+    hold_against_schema("peek", &pins);
+    for (name, said) in [
+        ("encoder.01.position", "no register shows it"),
+        ("dac.3", "no pin `dac.3`"),
+    ] {
+        let unknown = run(&[&["peek", name], &at[..]].concat());
+        assert_eq!(unknown.code, Some(1), "{unknown:?}");
+        assert!(unknown.err.contains(said), "{unknown:?}");
+    }
 
     let watch = [&["watch", "--passive", "--json", "encoder.01"], &at[..]].concat();
     let mut watch = Process::new(command(&watch).spawn().expect("mesa starts"));

@@ -129,7 +129,7 @@ fn invalid_registers_and_values_are_refused_with_the_reason() {
         (
             &["peek", "resolver"],
             1,
-            "no register `resolver`; `mesa peek` without a name",
+            "no pin `resolver`; `mesa peek` without a name",
         ),
         (&["peek", "encoder", "--any"], 2, "needs SPACE:ADDRESS"),
         (

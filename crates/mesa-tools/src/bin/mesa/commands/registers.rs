@@ -10,11 +10,12 @@ use mesa_hal::bus::{Access, Clock, RegisterBus};
 use mesa_hal::ethernet::EthernetBoard;
 use mesa_hal::lbp16::{ElementSize, Space};
 use mesa_hal::transport::RegisterMap;
-use mesa_tools::passive::{PassiveError, Read};
+use mesa_tools::passive::{PassiveError, Read, Sample, Watched};
 use serde::Serialize;
 
 use crate::board::bus::Bus;
 use crate::board::changed::ChangedTarget;
+use crate::board::link::BoardLink;
 use crate::board::look;
 use crate::board::target::{Found, Target};
 use crate::machine::embedded::Passage;
@@ -34,7 +35,8 @@ Works beside LinuxCNC or another program that drives the board: writes nothing, 
 small packets a second. Registers that a read changes are refused, and those of which it is not
 known; --any reads them on a board that no other program drives. Without REGISTER, all that can be
 read are listed with their names. REGISTER: a name (encoder.00.count), a module or an instance of it
-(encoder, sserial.0.2), an address of HostMot2 (0x3500), or SPACE:ADDRESS.";
+(encoder, sserial.0.2), an address of HostMot2 (0x3500), or SPACE:ADDRESS; or a pin by its name in
+LinuxCNC (inmux.00.input-05), if a register shows it.";
 
 const PEEK_EXAMPLES: &str = "\
 Examples (the cookie of HostMot2; the count of the first encoder, ten times a second):
@@ -131,8 +133,14 @@ impl Peek {
         let mut bus = found.look()?;
         let at = |error: &dyn MesaError| look::failed(found.address, error);
         bus.identify().map_err(|error| at(&error))?;
-        let (space, reads) =
-            self.reads(bus.map().ok_or_else(|| Failure::refused("no firmware"))?)?;
+        let map = bus.map().ok_or_else(|| Failure::refused("no firmware"))?;
+        if let Some(Selection::Named(name)) = &self.selection
+            && map.named(name).next().is_none()
+        {
+            let watched = Watched::new(bus).map_err(|error| at(&error))?;
+            return self.peek_pins(context, &found, watched, name);
+        }
+        let (space, reads) = self.reads(map)?;
         loop {
             let now = bus.now();
             let words = bus.read_all(&reads).map_err(|error| match error {
@@ -142,6 +150,44 @@ impl Peek {
             let map = bus.map().ok_or_else(|| Failure::refused("no firmware"))?;
             context.print(&Contents::of_reads(space, &reads, &words, map))?;
             let mut goes_on = |every| look::wait(context, &mut bus, now.after(every));
+            if !self.every.is_some_and(&mut goes_on) || output::is_closed() {
+                return Ok(context.ending());
+            }
+        }
+    }
+
+    /// Prints the pins of a name: one pin, or all of a module or an instance, with or without the
+    /// name of the board before it.
+    fn peek_pins(
+        &self,
+        context: &Context,
+        found: &Found,
+        mut watched: Watched<BoardLink>,
+        name: &str,
+    ) -> Result<Ending, Failure> {
+        let board = format!("{}.", watched.listener().name());
+        let name = name.strip_prefix(&*board).unwrap_or(name);
+        let is_named = |full: &str| {
+            let own = full.strip_prefix(&*board).unwrap_or_default();
+            let rest = own.strip_prefix(name);
+            rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+        };
+        let mut infos = watched.listener().pins().infos().iter();
+        let is_pin = infos.any(|info| is_named(&info.name));
+        loop {
+            let now = watched.bus().now();
+            let sample = watched.sample();
+            let mut sample = sample.map_err(|error| look::failed(found.address, &error))?;
+            sample.values.retain(|value| is_named(&value.name));
+            if sample.values.is_empty() {
+                return Err(if is_pin {
+                    unknown_value(name)
+                } else {
+                    no_register(name)
+                });
+            }
+            context.print(&PeekedPins(sample))?;
+            let mut goes_on = |every| look::wait(context, watched.bus(), now.after(every));
             if !self.every.is_some_and(&mut goes_on) || output::is_closed() {
                 return Ok(context.ending());
             }
@@ -171,11 +217,8 @@ impl Peek {
             Some(Selection::Named(name)) => named(name),
         };
         if addresses.is_empty() {
-            let advice = "`mesa peek` without a name lists those that it has";
             let name = self.selection.iter().map(ToString::to_string);
-            let name: String = name.collect();
-            let what = format_args!("this firmware has no register `{name}`; {advice}");
-            return Err(Failure::refused(what).advising(advice));
+            return Err(no_register(&name.collect::<String>()));
         }
         let reads = match (self.count, &addresses[..]) {
             (Some(count), [address, ..]) => vec![Read::hostmot2(*address, count)],
@@ -226,6 +269,39 @@ impl Peek {
         context.print(&Contents::new(place, &values, &[]))?;
         Ok(context.ending())
     }
+}
+
+/// Pins at the time of a read.
+#[derive(Debug, Serialize)]
+#[serde(transparent)]
+struct PeekedPins(Sample);
+
+impl Display for PeekedPins {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let values = &self.0.values;
+        let widths = values.iter().map(|value| value.name.len());
+        let width = widths.max().unwrap_or(0);
+        values.iter().try_for_each(|value| {
+            let line = format!("{:<width$}  {value:<6}  {}", value.name, value.place);
+            writeln!(f, "{}", line.trim_end())
+        })
+    }
+}
+
+fn no_register(name: &str) -> Failure {
+    let advice = "`mesa peek` without a name lists its registers, and `mesa info --passive` the pins that \
+                  registers show";
+    let what = format_args!("this firmware has no register and no pin `{name}`; {advice}");
+    Failure::refused(what).advising(advice)
+}
+
+/// Failure because no register shows the value of a pin.
+fn unknown_value(name: &str) -> Failure {
+    let advice = "`halcmd show pin` shows it, if LinuxCNC drives the board";
+    let what = format_args!(
+        "`{name}` is known to the program that drives the board alone: no register shows it; {advice}"
+    );
+    Failure::refused(what).advising(advice)
 }
 
 /// Failure because a read may change something.

@@ -4,7 +4,7 @@ use std::fmt::{self, Display, Formatter};
 
 use mesa_hal::ethernet::EthernetBoard;
 use mesa_tools::inventory::InventoryEthernet;
-use mesa_tools::passive::{PassiveInventory, PassivePort};
+use mesa_tools::passive::{PassiveInventory, Value, Watched};
 use serde::Serialize;
 
 use super::text::{print_ethernet, print_firmware, print_verdict};
@@ -21,7 +21,8 @@ pub fn run(found: &Found, context: &Context) -> Result<Ending, Failure> {
     let mut bus = found.look()?;
     let ethernet = InventoryEthernet::read(&mut EthernetBoard::new(&mut bus))
         .map_err(|error| look::failed(found.address, &error))?;
-    let inventory = PassiveInventory::take(&mut bus, ethernet)
+    let mut watched = Watched::new(bus).map_err(|error| look::failed(found.address, &error))?;
+    let inventory = PassiveInventory::take(&mut watched, ethernet)
         .map_err(|error| look::failed(found.address, &error))?;
     context.print(&Seen(inventory))?;
     Ok(context.ending())
@@ -33,8 +34,7 @@ impl Display for Seen {
         print_verdict(f, &inventory.judgement(), &inventory.findings)?;
         print_ethernet(f, &inventory.ethernet)?;
         print_firmware(f, &inventory.firmware)?;
-        let mut ports = inventory.serial_ports.iter();
-        ports.try_for_each(|port| print_port(f, port))?;
+        print_values(f, &inventory.values)?;
         writeln!(f, "\nNot known without a command to the board:")?;
         for unknown in &inventory.unknown {
             writeln!(f, "  {unknown}")?;
@@ -49,17 +49,18 @@ impl Display for Seen {
     }
 }
 
-fn print_port(f: &mut Formatter<'_>, port: &PassivePort) -> fmt::Result {
-    writeln!(
-        f,
-        "\nSmart serial port {}, as its registers show it",
-        port.port
-    )?;
-    for channel in &port.channels {
-        writeln!(f, "  Channel {}: {}", channel.channel, channel.state)?;
-        let words = channel.interfaces.iter();
-        let words: Vec<_> = words.map(|word| format!("{word:08X}")).collect();
-        writeln!(f, "    last data from it: {}", words.join(" "))?;
-    }
-    Ok(())
+/// Pins at terminals, and registers that no pin shows.
+fn print_values(f: &mut Formatter<'_>, values: &[Value]) -> fmt::Result {
+    let is_opposite = |name: &str| name.ends_with("-not") || name.ends_with("_not");
+    let is_listed = |value: &&Value| {
+        value.value.as_bool().is_none() || !value.place.is_empty() && !is_opposite(&value.name)
+    };
+    let listed: Vec<_> = values.iter().filter(is_listed).collect();
+    let widths = listed.iter().map(|value| value.name.len());
+    let width = widths.max().unwrap_or(0);
+    writeln!(f, "\nPins and registers, as the board shows them")?;
+    listed.into_iter().try_for_each(|value| {
+        let line = format!("  {:<width$}  {value:<12}  {}", value.name, value.place);
+        writeln!(f, "{}", line.trim_end())
+    })
 }

@@ -139,7 +139,7 @@ impl Live {
                 .map_or(value.name.len(), str::len)
         };
         let names = shown.iter().map(own);
-        let texts = shown.iter().map(|value| text_of(value).len());
+        let texts = shown.iter().map(|value| value.to_string().len());
         let (name, text) = (names.max().unwrap_or(0), texts.max().unwrap_or(0).min(40));
         let width = usize::from(area.width.saturating_sub(BORDER));
         let lines = shown.iter().flat_map(|value| {
@@ -148,7 +148,7 @@ impl Live {
                 _ => Style::new(),
             };
             let own = value.name.strip_prefix(&*prefix).unwrap_or(&value.name);
-            let line = format!("{own:<name$}  {:<text$}  {}", text_of(value), value.place);
+            let line = format!("{own:<name$}  {value:<text$}  {}", value.place);
             wrapped(&Line::styled(line, style), width, INDENT)
         });
         let lines: Vec<_> = lines.collect();
@@ -162,16 +162,6 @@ impl Live {
         let title = format!(" {} values ", shown.len());
         let block = Block::bordered().title(title);
         frame.render_widget(Paragraph::new(lines).block(block), area);
-    }
-}
-
-/// The value as it is shown: a bit as ON or off, as on the screen of a machine of one's own.
-fn text_of(value: &Value) -> String {
-    match (&value.text, value.value.as_bool()) {
-        (Some(text), _) => text.clone(),
-        (None, Some(true)) => "ON".to_owned(),
-        (None, Some(false)) => "off".to_owned(),
-        (None, None) => format!("{0} 0x{0:08X}", value.value.as_i64().unwrap_or_default()),
     }
 }
 
