@@ -96,7 +96,7 @@ fn assert_safe_and_stopped(board: &mut Board) {
 #[test]
 fn example_servo_loop_ends_on_both_boards_with_all_outputs_off() {
     for (n, arguments) in (1..).zip([&I7I97[..], &I7I92]) {
-        let address = Ipv4Addr::new(127, 94, 1, n);
+        let address = Ipv4Addr::new(127, 94, 9, n);
         let mut board = Board::start(address, arguments);
         let output = start("servo_loop", Some(address), &["--seconds", "1"]).output();
         let (out, err) = texts(&output);
