@@ -16,7 +16,7 @@ pub use descriptor::{DataDirection, DataRecord, DataType, ModeRecord, ModeType, 
 pub use plan::{Element, PackingPlan};
 pub use port::discover_port;
 pub use problem::{Problem, ProblemKind, Table};
-pub use table::{ElementTable, RemoteTable, TableAddresses, TableDifference};
+pub use table::{ElementTable, RemoteTable, TableAddresses};
 pub use walk::{Discovery, DiscoveryOptions, discover};
 
 pub(crate) use descriptor::hal_name;

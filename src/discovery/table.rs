@@ -70,23 +70,6 @@ pub struct TableAddresses {
     pub gtoc: u16,
 }
 
-/// A difference between a remote's description and the table of its kind.
-///
-/// The remote's description is used; the difference is for the user to check.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{element}: {what} {actual}, by the table {expected}")]
-#[non_exhaustive]
-pub struct TableDifference {
-    /// The element.
-    pub element: String,
-    /// Property that differs: place (among the elements that are not pads), width, type or limits.
-    pub what: &'static str,
-    /// Value in the table.
-    pub expected: String,
-    /// Value in the remote's description.
-    pub actual: String,
-}
-
 impl RemoteTable {
     /// A kind of remote that is identified by its name alone.
     pub const fn new(
@@ -147,22 +130,21 @@ impl RemoteTable {
     }
 
     /// Differences between a remote's description and this table, in the mode in which it was
-    /// started.
-    pub fn differences(&self, descriptor: &RemoteDescriptor) -> Vec<TableDifference> {
+    /// started, in words: in the place (among the elements that are not pads), width, type or
+    /// limits of an element. The remote's description is used; a difference is for the user to
+    /// check.
+    pub fn differences(&self, descriptor: &RemoteDescriptor) -> Vec<String> {
         let is_pad = |data_type| data_type == DataType::Pad;
         let records = descriptor.process_data.iter();
         let records: Vec<_> = records.filter(|r| !is_pad(r.data_type)).collect();
         let known = self.of_mode(descriptor.software_mode);
         let known: Vec<_> = known.filter(|e| !is_pad(e.data_type)).collect();
         let mut found = Vec::new();
-        let mut compare = |element: &str, what, [expected, actual]: [String; 2]| {
+        let mut compare = |element: &str, what: &str, [expected, actual]: [String; 2]| {
             if expected != actual {
-                found.push(TableDifference {
-                    element: element.into(),
-                    what,
-                    expected,
-                    actual,
-                });
+                found.push(format!(
+                    "{element}: {what} {actual}, by the table {expected}"
+                ));
             }
         };
         let text = |place: Option<usize>| place.map_or("none".into(), |place| place.to_string());

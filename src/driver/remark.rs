@@ -6,7 +6,7 @@ use alloc::vec::Vec;
 
 use crate::advice::{self, Advice, MesaError};
 use crate::boards::{IdentityError, i7i77};
-use crate::discovery::{Discovery, Problem, RemoteTable, TableDifference};
+use crate::discovery::{Discovery, Problem, RemoteTable};
 use crate::events::OfflineReason;
 use crate::modules::Undriven;
 use crate::modules::serial::{RemotePart, RemoteWatchdog};
@@ -83,8 +83,8 @@ pub enum RemarkKind {
         name: RemoteName,
         /// Title of the table.
         title: &'static str,
-        /// The difference.
-        difference: TableDifference,
+        /// The difference, in words.
+        difference: String,
     },
     /// The analog part of a 7I77, with the field I/O on the next channel: on the card's connector
     /// the field I/O comes first (FACTS 8.1).

@@ -1,12 +1,10 @@
 //! Buses: LBP16 over UDP, and layers that record accesses or inject faults; names of registers.
-//! With the feature `std` also the socket, the search for boards and the route to an address.
+//! With the feature `std` also the socket, and the search for boards.
 
 // Runs in the cycle.
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
 mod faulty;
-#[cfg(feature = "std")]
-pub mod network;
 mod recording;
 mod register_map;
 #[cfg(feature = "std")]

@@ -104,18 +104,8 @@ impl UdpList {
     ///
     /// # Errors
     /// [`BusError::OtherBus`]: a bus of another type prepared the list.
-    pub fn of(list: &AccessList) -> Result<&Self, BusError> {
+    pub(super) fn of(list: &AccessList) -> Result<&Self, BusError> {
         list.form().ok_or(BusError::OtherBus)
-    }
-
-    /// Bytes of the packet that is sent, without the headers of lower layers.
-    pub fn request_bytes(&self) -> usize {
-        self.request.bytes.len()
-    }
-
-    /// Bytes of its reply; 0 if it has none. A reply with details about lost packets has 16 more.
-    pub fn reply_bytes(&self) -> usize {
-        self.reply_len(false)
     }
 }
 

@@ -23,7 +23,7 @@ mod receiving;
 mod socket;
 mod wait;
 
-pub use encoding::UdpList;
+use encoding::UdpList;
 pub use link::PacketLink;
 #[cfg(feature = "std")]
 pub use socket::UdpLink;

@@ -11,6 +11,7 @@ mod host;
 pub mod network;
 mod packets;
 mod round_trips;
+mod routes;
 pub mod wiring;
 
 pub use host::{

@@ -3,7 +3,8 @@
 use core::net::Ipv4Addr;
 
 use super::{FigureVerdict, Finding};
-use mesa_hal::transport::network::{Interface, Network, NetworkPath, Route};
+
+pub use super::routes::{Interface, Network, NetworkPath, Route};
 
 const CHECK: &str = "network route";
 

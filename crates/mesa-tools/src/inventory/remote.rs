@@ -57,11 +57,7 @@ pub(super) fn take_remote<B: RegisterBus + Clock>(
         modes: descriptor.modes.iter().map(mode).collect(),
         process_data: process_data.map(|record| element(record, table)).collect(),
         parameters,
-        differences: differences
-            .iter()
-            .flatten()
-            .map(ToString::to_string)
-            .collect(),
+        differences: differences.unwrap_or_default(),
         problems,
         memory_accesses: found.accesses,
     }

@@ -5,7 +5,7 @@ use std::net::Ipv4Addr;
 
 use clap::Args;
 use mesa_hal::ethernet::{AddressSource, EthernetBoard, Identity};
-use mesa_hal::transport::network::{Network, NetworkPath};
+use mesa_tools::diagnosis::network::{Network, NetworkPath};
 use serde::Serialize;
 
 use crate::board::bus::Bus;

@@ -15,10 +15,10 @@ use mesa_hal::ethernet::EthernetBoard;
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::modules::watchdog::WatchdogRegisters;
 use mesa_hal::transport::Recording;
-use mesa_hal::transport::network::Network;
 use mesa_hal::transport::udp::UdpConfig;
 use mesa_hal::{BoardState, Driver, Settings};
 use mesa_tools::Counted;
+use mesa_tools::diagnosis::network::Network;
 use mesa_tools::diagnosis::{
     self, FigureVerdict, Finding, Host, PacketMark, Packets, RoundTrips, board, computer, network,
 };

@@ -12,8 +12,8 @@ use std::time::Duration;
 use clap::Args;
 use mesa_hal::ethernet::{AddressSource, Identity};
 use mesa_hal::lbp16;
-use mesa_hal::transport::network::Network;
 use mesa_hal::transport::search::{self, AddressResult};
+use mesa_tools::diagnosis::network::Network;
 use serde::Serialize;
 
 use crate::ui::context::{Context, Ending, Failure};

@@ -3,8 +3,8 @@
 use std::net::Ipv4Addr;
 
 use mesa_hal::advice;
-use mesa_hal::transport::network::{Network, NetworkPath};
 use mesa_hal::transport::search::Silence;
+use mesa_tools::diagnosis::network::{Network, NetworkPath};
 use mesa_tools::diagnosis::network::{Outside, host_beside, outside};
 
 /// A reason with advice.
@@ -124,7 +124,7 @@ fn other_network(network: &Network, address: Ipv4Addr, reason: &str) -> Why {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mesa_hal::transport::network::{Interface, Route};
+    use mesa_tools::diagnosis::network::{Interface, Route};
 
     /// State of an interface.
     #[derive(Clone, Copy, PartialEq)]
