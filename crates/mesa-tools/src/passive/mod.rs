@@ -15,6 +15,7 @@
 
 mod bus;
 mod inventory;
+mod received;
 mod watch;
 
 pub use bus::{PassiveBus, PassiveError, PassiveStatistics, Read};

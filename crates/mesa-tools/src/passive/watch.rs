@@ -11,7 +11,7 @@ use mesa_hal::transport::RegisterMap;
 use mesa_hal::transport::udp::PacketLink;
 use mesa_hal::{Board, CycleError, DriverError, Settings};
 
-use super::inventory::{COUNTED, Received};
+use super::received::{COUNTED, Received};
 use super::{PassiveBus, PassiveStatistics};
 
 /// A board whose values are read again and again.
