@@ -2,6 +2,7 @@
 //! not driven.
 
 use alloc::boxed::Box;
+use alloc::string::String;
 use alloc::vec::Vec;
 
 use crate::advice::{self, Advice, MesaError};
