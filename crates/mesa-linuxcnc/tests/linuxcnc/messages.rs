@@ -110,7 +110,7 @@ fn card_without_field_power_at_load_is_reported_and_recovers() {
     session.board("field 0 0");
     session.hal(&format!("loadrt mesa_eth {}", I7I97.words));
     let card = "hm2_7i97.0.7i77.0.0";
-    let offline = format!("mesa_eth: {card}: 7I77 offline: field voltage too low");
+    let offline = format!("mesa_eth: {card}: card offline: field voltage too low");
     expect(&mut session, &offline, "");
     session.run();
     for (name, value) in [
