@@ -9,7 +9,7 @@ use core::fmt;
 use super::{BoardTable, CardTable, IdentityError};
 use crate::advice::{self, Advice, MesaError};
 use crate::discovery::{RemoteDescriptor, RemoteTable};
-use crate::hal::{AnalogOut, Counter, PinError, Pins};
+use crate::hal::{AnalogIn, AnalogOut, Counter, PinError, Pins};
 use crate::hostmot2::{HostMot2, HostMot2Error, RemoteId};
 use crate::sslbp::RemoteLabel;
 
@@ -252,6 +252,20 @@ impl<'a> Finder<'a> {
         Ok(all)
     }
 
+    /// Finds what field I/O has in some software modes: the voltages of its first four inputs, the
+    /// field voltage, and two MPGs.
+    pub(super) fn extras(&self) -> Result<FieldExtras, AttachError> {
+        let volts = |n| self.one(&format!("analogin{n}"), AnalogIn::find);
+        let mpg = |n| self.one(&format!("enc{n}"), Counter::find);
+        let has_volts = self.has_pin("analogin0");
+        let has_mpgs = self.has_pin("enc0.count");
+        Ok(FieldExtras {
+            analog_in: has_volts.then(|| self.each(volts)).transpose()?,
+            field_voltage: self.optional("fieldvoltage", AnalogIn::find)?,
+            mpgs: has_mpgs.then(|| self.each(mpg)).transpose()?,
+        })
+    }
+
     /// Finds an analog output and its enable.
     ///
     /// # Errors
@@ -260,6 +274,13 @@ impl<'a> Finder<'a> {
         let enable = format!("{}.{enable}", self.prefix);
         self.one(name, |pins, name| AnalogOut::find(pins, name, &enable))
     }
+}
+
+/// What field I/O has in some software modes.
+pub(super) struct FieldExtras {
+    pub analog_in: Option<[AnalogIn; 4]>,
+    pub field_voltage: Option<AnalogIn>,
+    pub mpgs: Option<[Counter; 2]>,
 }
 
 /// The remote on a channel: its description and the prefix of its pins.

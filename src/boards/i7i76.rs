@@ -5,8 +5,7 @@
 //! is not confirmed, and follows their pattern. The pins are those of Mesa's firmware; those of the
 //! remote are those of real cards on a 5I25, a 7I76E, a 7I92T and a 7I96S.
 
-use alloc::format;
-
+use super::attach::FieldExtras;
 use super::{AttachError, CardTable, Finder, RemoteHandles};
 use crate::discovery::RemoteTable;
 use crate::hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut, Terminals};
@@ -59,18 +58,19 @@ impl RemoteHandles for I7i76 {
     const TABLE: &'static RemoteTable = &REMOTE;
 
     fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
-        let volts = |n| pins.one(&format!("analogin{n}"), AnalogIn::find);
-        let mpg = |n| pins.one(&format!("enc{n}"), Counter::find);
-        let has_volts = pins.has_pin("analogin0");
-        let has_mpgs = pins.has_pin("enc0.count");
+        let FieldExtras {
+            analog_in,
+            field_voltage,
+            mpgs,
+        } = pins.extras()?;
         Ok(Self {
             inputs: pins.numbered("input-", DigitalIn::find)?,
             outputs: pins.numbered("output-", DigitalOut::find)?,
             spindle: pins.analog_out("spinout", "spinena")?,
             spindir: pins.one("spindir", DigitalOut::find)?,
-            analog_in: has_volts.then(|| pins.each(volts)).transpose()?,
-            field_voltage: pins.optional("fieldvoltage", AnalogIn::find)?,
-            mpgs: has_mpgs.then(|| pins.each(mpg)).transpose()?,
+            analog_in,
+            field_voltage,
+            mpgs,
         })
     }
 }

@@ -8,6 +8,7 @@
 
 use alloc::format;
 
+use super::attach::FieldExtras;
 use super::{AttachError, CardFinder, CardHandles, CardTable, Finder, RemoteHandles};
 use crate::discovery::{DataType, ElementTable, RemoteTable};
 use crate::hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut, Terminals};
@@ -211,16 +212,17 @@ impl RemoteHandles for I7i77Field {
     const TABLE: &'static RemoteTable = &FIELD;
 
     fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
-        let volts = |n| pins.one(&format!("analogin{n}"), AnalogIn::find);
-        let mpg = |n| pins.one(&format!("enc{n}"), Counter::find);
-        let has_volts = pins.has_pin("analogin0");
-        let has_mpgs = pins.has_pin("enc0.count");
+        let FieldExtras {
+            analog_in,
+            field_voltage,
+            mpgs,
+        } = pins.extras()?;
         Ok(Self {
             inputs: pins.numbered("input-", DigitalIn::find)?,
             outputs: pins.numbered("output-", DigitalOut::find)?,
-            analog_in: has_volts.then(|| pins.each(volts)).transpose()?,
-            field_voltage: pins.optional("fieldvoltage", AnalogIn::find)?,
-            mpgs: has_mpgs.then(|| pins.each(mpg)).transpose()?,
+            analog_in,
+            field_voltage,
+            mpgs,
         })
     }
 }

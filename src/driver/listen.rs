@@ -7,9 +7,9 @@ use alloc::vec::Vec;
 use super::configure::{Assembly, Board};
 use super::parts::Parts;
 use super::{CycleError, DriverError};
-use crate::bus::{Clock, Instant, ReadsBeside, RegisterBus, Words};
+use crate::bus::{Clock, Instant, ReadSlot, ReadsBeside, RegisterBus, Words};
 use crate::hal::{AnyValue, PinId, PinInfo, PinStore, Pins};
-use crate::hostmot2::HostMot2;
+use crate::hostmot2::{COOKIE, COOKIE_ADDRESS, HostMot2};
 use crate::modules::gpio::Gpio;
 use crate::modules::{ListenCycle, Module};
 
@@ -45,6 +45,8 @@ pub struct Listener<B> {
     parts: Parts,
     reads: ReadsBeside,
     words: Words,
+    /// The cookie once more, after all data.
+    last_cookie: ReadSlot,
     /// By the index of the pin.
     shown: Vec<Option<AnyValue>>,
     /// Number of consecutive failed reads.
@@ -67,10 +69,11 @@ impl<B: RegisterBus + Clock> Board<B> {
         assembly.add(Gpio::register)?;
         let Assembly {
             mut bus,
-            plan,
+            mut plan,
             parts,
             ..
         } = assembly;
+        let last_cookie = plan.image.read_again(COOKIE_ADDRESS);
         let (reads, words) = plan.image.freeze_beside();
         Ok(Listener {
             bus: bus.take(),
@@ -81,6 +84,7 @@ impl<B: RegisterBus + Clock> Board<B> {
             parts,
             reads,
             words,
+            last_cookie,
             failed: 0,
         })
     }
@@ -105,6 +109,11 @@ impl<B: RegisterBus + Clock> Listener<B> {
         })?;
         let absent = |found| CycleError::NotThere { found, consecutive };
         self.parts.connection.check(&self.words).map_err(absent)?;
+        // The reads may be far apart: a board that was reloaded between them has no values.
+        let last = self.words.word(self.last_cookie);
+        if last != COOKIE {
+            return Err(absent(last));
+        }
         self.failed = 0;
         let now = self.bus.now();
         let mut cycle = ListenCycle {

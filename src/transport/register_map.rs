@@ -138,8 +138,8 @@ fn known(gtag: Gtag) -> Option<(&'static str, KnownRegisters)> {
     })
 }
 
-/// The registers of a firmware, with names: those that a driver of another program leaves to be
-/// read, and the reasons for the others.
+/// The registers of a firmware by name: those that can be read without an effect, and the reasons
+/// for the others.
 ///
 /// ```
 /// use mesa_hal::hostmot2::HostMot2;

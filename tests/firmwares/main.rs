@@ -7,6 +7,7 @@
 
 mod driven;
 mod identified;
+mod listened;
 mod names;
 mod truth;
 

@@ -87,7 +87,7 @@ pub(super) enum Wanted {
     Cycle,
     /// Those with extra registers, and those beside another program.
     Extra,
-    /// Those beside another program, which writes it.
+    /// Those beside another program.
     Beside,
 }
 
@@ -161,9 +161,17 @@ impl ImagePlan {
     }
 
     /// Registers a read of a register that the module writes, and whose content another program has
-    /// determined: [`Board::listen`](crate::Board::listen) reads it, a driver never does.
+    /// determined: [`Board::listen`](crate::Board::listen) reads it, a driver never does. The slot
+    /// is for [`Module::listen`](crate::modules::Module::listen) alone.
     pub fn read_back(&mut self, address: u16) -> ReadSlot {
         add_read(&mut self.reads, Phase::Data, address, Wanted::Beside)
+    }
+
+    /// Registers a second read of a register, after all data, for [`Board::listen`].
+    ///
+    /// [`Board::listen`]: crate::Board::listen
+    pub(crate) fn read_again(&mut self, address: u16) -> ReadSlot {
+        add_read(&mut self.reads, Phase::Evidence, address, Wanted::Beside)
     }
 
     /// Registers a write in every cycle and with the set-up, which writes `safe`. Nothing else may

@@ -339,7 +339,9 @@ impl Watchdog {
 impl Module for Watchdog {
     fn listen(&mut self, cycle: &mut ListenCycle<'_>) {
         let status = cycle.words.word(self.status);
-        cycle.show(self.pins.has_bit, has_bitten(status));
+        if status != NO_FPGA {
+            cycle.show(self.pins.has_bit, has_bitten(status));
+        }
     }
 
     fn set_period(&mut self, period: Duration, pins: &mut PinStore) -> Result<(), RegisterError> {

@@ -1,9 +1,11 @@
 //! A board that is listened to beside the driver that runs it.
 
+use std::collections::BTreeMap;
+
 use crate::common::machine::{Machine, fpga};
-use mesa_hal::bus::{BusErrorKind, Phase, ReadSlot};
+use mesa_hal::bus::{Access, BusError, BusErrorKind, Phase, ReadSlot};
 use mesa_hal::driver::{BoardState, Listener};
-use mesa_hal::hal::{Input, PinMaker, PinStore};
+use mesa_hal::hal::{AnyValue, Input, PinMaker, PinStore};
 use mesa_hal::modules::{ListenCycle, Module, RegisterError, Registrar};
 use mesa_hal::transport::{BusLog, Fault, Faulty, RecordedEntry, Recording};
 use mesa_hal::{Board, CycleError, RegisterBus, Settings};
@@ -134,4 +136,80 @@ fn own_module_shows_its_pin_and_no_pin_of_another_store() {
         .id(&first.expect("pins"))
         .expect("the first");
     assert_ne!(listener.value(first), Some((!word).into()));
+}
+
+/// A board that is reloaded in the middle of an exchange: from then on its registers read as ones.
+struct Vanishing {
+    fpga: SimFpga,
+    /// Number of words of an exchange that still come from the board.
+    left: Option<usize>,
+}
+
+impl mesa_hal::bus::BusLayer for Vanishing {
+    type Inner = SimFpga;
+
+    fn inner(&self) -> &SimFpga {
+        &self.fpga
+    }
+
+    fn inner_mut(&mut self) -> &mut SimFpga {
+        &mut self.fpga
+    }
+
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), BusError> {
+        self.fpga.exchange(accesses, words)?;
+        if let Some(left) = self.left {
+            words
+                .iter_mut()
+                .skip(left)
+                .for_each(|word| *word = u32::MAX);
+        }
+        Ok(())
+    }
+}
+
+/// Each value of a look that succeeds was read before.
+#[test]
+fn board_that_goes_in_the_middle_of_a_look_has_no_values() {
+    let bus = Vanishing {
+        fpga: fpga(),
+        left: None,
+    };
+    let mut listener = listener(bus);
+    listener.read().expect("a board");
+    let values = |listener: &Listener<Vanishing>| -> BTreeMap<String, AnyValue> {
+        let shown = listener.shown();
+        shown
+            .map(|(info, value)| (info.name.clone(), value))
+            .collect()
+    };
+    let complete = values(&listener);
+    let (mut absent, mut read) = (0, 0);
+    for left in 0..40 {
+        listener.bus_mut().left = Some(left);
+        let result = listener.read();
+        let shown = values(&listener);
+        if result.is_err() {
+            let is_absent = matches!(
+                result,
+                Err(CycleError::NotThere {
+                    found: u32::MAX,
+                    ..
+                })
+            );
+            assert!(is_absent, "{left}: {result:?}");
+            assert!(shown.is_empty(), "{left}: {shown:?}");
+            absent += 1;
+        } else {
+            let same = shown
+                .iter()
+                .all(|(name, value)| complete.get(name) == Some(value));
+            assert!(same, "{left}: {shown:?}, not {complete:?}");
+            read += 1;
+        }
+    }
+    assert!(absent > 15 && read > 0, "{absent} absent, {read} read");
+    listener.bus_mut().left = None;
+    listener.read().expect("a board again");
+    assert_eq!(values(&listener), complete);
 }

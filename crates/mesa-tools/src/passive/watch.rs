@@ -74,6 +74,7 @@ impl<L: PacketLink> Watched<L> {
     /// # Errors
     /// [`DriverError`]: no board answers, or its firmware cannot be used.
     pub fn new(mut bus: PassiveBus<L>) -> Result<Self, DriverError> {
+        // By which the bus knows the registers that it may read.
         bus.identify()?;
         let settings = Settings {
             defaults: Defaults::LinuxCnc,

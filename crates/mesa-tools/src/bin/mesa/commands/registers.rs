@@ -217,8 +217,13 @@ impl Peek {
             Some(Selection::Named(name)) => named(name),
         };
         if addresses.is_empty() {
+            // On Ethernet it may be a pin, which was looked for before.
+            let advice =
+                "`mesa peek` without a name lists those that it has, and `mesa pins` prints pins";
             let name = self.selection.iter().map(ToString::to_string);
-            return Err(no_register(&name.collect::<String>()));
+            let name: String = name.collect();
+            let what = format_args!("this firmware has no register `{name}`; {advice}");
+            return Err(Failure::refused(what).advising(advice));
         }
         let reads = match (self.count, &addresses[..]) {
             (Some(count), [address, ..]) => vec![Read::hostmot2(*address, count)],
